@@ -1,0 +1,1 @@
+"""Constants, dwell times and verdicts: how long a target may stay unseen."""

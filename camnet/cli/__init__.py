@@ -1,0 +1,1 @@
+"""The camnet program; commands are thin: load, build, run, write."""

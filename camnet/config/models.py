@@ -1,0 +1,94 @@
+"""The scenario: everything that one simulation is made of, as frozen settings.
+
+A world file holds a scenario; a recipe names a world and overrides parts of it. Names tie the parts together:
+an agent names its region and its camera model, a fixed camera its model, a target its road.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from camnet.certification.settings import CertificateSettings
+from camnet.control.settings import ControllerSettings
+from camnet.estimation.settings import EstimatorSettings
+from camnet.geometry.settings import CameraModel, FixedPose, Road, Shape
+from camnet.motion.settings import TargetSettings
+from camnet.sensing.settings import SensingSettings
+from camnet.settings import NonNegative, Positive, Settings, Vector3
+from camnet.world.settings import PhysicsSettings
+
+__all__ = ["Agent", "FixedCamera", "HandoffSettings", "Occluder", "Region", "RunSettings", "Scenario"]
+
+
+class Region(Settings):
+    """Operating region O_j: an agent stays inside it and sees a target only inside it."""
+
+    name: str
+    shape: Shape
+
+
+class Agent(Settings):
+    """A quadrotor that carries camera ``camera`` (a camera model's name) inside region ``region``."""
+
+    name: str
+    region: str
+    camera: str
+    start_m: Vector3 | None = None
+    start_yaw_rad: float = 0.0
+
+
+class FixedCamera(Settings):
+    """A stationary camera; its field-of-view volume V_c is its region."""
+
+    name: str
+    camera: str
+    pose: FixedPose
+
+
+class Occluder(Settings):
+    """A solid that blocks views and flight."""
+
+    name: str
+    shape: Shape
+
+
+class HandoffSettings(Settings):
+    """How handoffs are predicted and counted (spec 06)."""
+
+    grace_s: Positive = 2.0
+    lookahead_s: Positive = 40.0
+    uncertainty_growth_mps: NonNegative = 0.05
+
+
+class RunSettings(Settings):
+    """Length and rates of a run."""
+
+    duration_s: Positive = 300.0
+    decision_hz: Positive = 10.0
+    log_hz: Positive = 10.0
+    lap_s: Positive | None = None
+
+
+class Scenario(Settings):
+    """One simulation: the world and the settings of everything in it."""
+
+    name: str
+    description: str = ""
+    kind: Literal["network", "recorded"] = "network"
+    seed: int = 0
+    cameras: tuple[CameraModel, ...]
+    regions: tuple[Region, ...] = ()
+    agents: tuple[Agent, ...] = ()
+    fixed_cameras: tuple[FixedCamera, ...] = ()
+    occluders: tuple[Occluder, ...] = ()
+    roads: tuple[Road, ...] = ()
+    targets: Annotated[tuple[TargetSettings, ...], Field(min_length=1)]
+    physics: PhysicsSettings = PhysicsSettings()
+    sensing: SensingSettings = SensingSettings()
+    controller: ControllerSettings = ControllerSettings()
+    estimator: EstimatorSettings = EstimatorSettings()
+    certificate: CertificateSettings = CertificateSettings()
+    handoff: HandoffSettings = HandoffSettings()
+    run: RunSettings = RunSettings()

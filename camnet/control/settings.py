@@ -1,0 +1,30 @@
+"""Settings of the pose controller and of its references."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from camnet.settings import Fraction, NonNegative, Positive, Settings
+
+__all__ = ["ControllerSettings"]
+
+
+class ControllerSettings(Settings):
+    """Sliding-mode controller (4-6) and the C1 references it follows.
+
+    ``d_bar_mps`` and ``d_bar_radps`` are the disturbance bounds of the robust term; outside them the envelope
+    (4-27) does not hold and the run says so.
+    """
+
+    rate_hz: Positive = 60.0
+    k1_per_s: Positive = 2.0
+    d_bar_mps: NonNegative = 0.1
+    d_bar_radps: NonNegative = 0.1
+    switching: Literal["sign", "sat", "tanh"] = "tanh"
+    boundary_layer: Positive = 0.05
+    reference_v_max_mps: Positive = 1.5
+    reference_a_max_mps2: Positive = 2.0
+    reference_w_max_radps: Positive = 1.5
+    region_margin_m: NonNegative = 0.25
+    min_height_m: Positive = 0.8
+    image_fill: Fraction = 0.5

@@ -1,0 +1,1 @@
+"""The PettingZoo environment of the handoff problem and its metrics."""

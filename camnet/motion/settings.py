@@ -1,0 +1,74 @@
+"""Settings of targets: what moves, how, and what of it cameras look for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from camnet.settings import NonNegative, Positive, Settings, Vector2, Vector3
+
+__all__ = ["RoadTarget", "TargetClass", "TargetSettings", "TrackTarget", "VectorFieldTarget"]
+
+
+class VectorFieldTarget(Settings):
+    """A differential-drive robot that steers along a smooth planar vector field (spec 01, experiment 1).
+
+    ``field: loop`` circulates along the closed road named by ``road``; ``field: wave`` is a fixed analytic field
+    around ``center_m`` with size ``scale_m``.
+    """
+
+    kind: Literal["vector_field"]
+    field: Literal["loop", "wave"] = "loop"
+    road: str | None = None
+    center_m: Vector2 = (0.0, 0.0)
+    scale_m: Positive = 2.0
+    speed_mps: Positive = 0.35
+    attraction_per_s: Positive = 0.5
+    heading_gain_per_s: Positive = 2.0
+
+
+class RoadTarget(Settings):
+    """A vehicle bound to the road graph; at junctions it turns at random."""
+
+    kind: Literal["road"]
+    road: str
+    speed_mps: tuple[float, float] = (0.3, 0.4)
+    start_arc_m: NonNegative | None = None
+    lateral_std_m: NonNegative = 0.0
+
+
+class TrackTarget(Settings):
+    """A recorded track, replayed: a CSV/GPX/FCD/ETH file and the identity to follow in it."""
+
+    kind: Literal["track"]
+    file: Path
+    format: Literal["csv", "gpx", "fcd", "eth"] = "csv"
+    id: str | None = None
+    height_m: float = 0.0
+
+
+TargetClass = Annotated[VectorFieldTarget | RoadTarget | TrackTarget, Field(discriminator="kind")]
+
+
+class TargetSettings(Settings):
+    """One target.
+
+    ``features_m`` are the points, in the target's body frame (x forward, z up), that must all be in view.
+    ``size_m`` is its collision box. ``v_max_mps`` and ``w_max_radps`` bound its motion.
+    """
+
+    name: str
+    motion: TargetClass
+    start_m: Vector2 | None = None
+    start_heading_rad: float | None = None
+    size_m: Vector3 = (0.35, 0.35, 0.3)
+    features_m: tuple[Vector3, ...] = (
+        (0.12, 0.12, 0.3),
+        (0.12, -0.12, 0.3),
+        (-0.12, -0.12, 0.3),
+        (-0.12, 0.12, 0.3),
+    )
+    v_max_mps: Positive = 0.6
+    w_max_radps: Positive = 1.5

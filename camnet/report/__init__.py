@@ -1,0 +1,1 @@
+"""Maps, plots, video and the HTML report of a run."""

@@ -1,0 +1,1 @@
+"""From the true state to measurements: visibility, noise, latency, drop-outs, rates by regression."""

@@ -1,0 +1,1 @@
+"""The simulated world behind one protocol; each engine behind one file."""

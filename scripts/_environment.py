@@ -1,0 +1,47 @@
+"""Make the project's virtual environment with the standard library alone."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+#: numerical libraries share two cores badly; one thread each also keeps sums in one order
+THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+
+
+def python() -> Path:
+    """Return the interpreter of the environment."""
+    return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def prepare(extras: str = "") -> Path:
+    """Create ``.venv``, install camnet in it (editable) with ``extras``, and return its interpreter.
+
+    Installation is skipped while ``pyproject.toml`` and the extras are those of the last one.
+    """
+    if sys.version_info < (3, 11):
+        raise SystemExit(f"camnet needs Python 3.11 or newer; this is {sys.version.split()[0]}")
+    if not python().exists():
+        print(f"making {VENV} ...", flush=True)
+        venv.create(VENV, with_pip=True)
+    mark = VENV / f".camnet-installed{'-' + extras if extras else ''}"
+    state = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
+    if not mark.exists() or mark.read_text() != state:
+        print("installing camnet and what it needs (about a minute) ...", flush=True)
+        target = f"{ROOT}[{extras}]" if extras else str(ROOT)
+        run("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--editable", target)
+        mark.write_text(state)
+    return python()
+
+
+def run(*arguments: str) -> None:
+    """Run the environment's interpreter in the project's root; leave with its status if it fails."""
+    status = subprocess.call([str(python()), *arguments], cwd=ROOT, env={**os.environ, **THREADS})
+    if status:
+        raise SystemExit(status)
