@@ -1,0 +1,109 @@
+"""What a world is made of, as plain data: the one input of every physics back end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from camnet.errors import WorldError
+from camnet.geometry.settings import CameraModel, Road, Shape
+from camnet.types import Array
+from camnet.world.settings import PhysicsSettings
+
+if TYPE_CHECKING:
+    from camnet.geometry.regions import Region
+    from camnet.motion.protocol import TargetMotion
+
+__all__ = ["AgentSpec", "CameraSpec", "OccluderSpec", "TargetSpec", "WorldDescription"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class AgentSpec:
+    """A quadrotor with a gimballed camera.
+
+    Attributes
+    ----------
+    name : unique name
+    start_p_world : (3,) where the camera starts, m
+    start_yaw_rad : heading of the body, kept during flight, and of the camera at the start
+    camera : the camera it carries
+    region : its operating region (None: unbounded)
+    """
+
+    name: str
+    start_p_world: Array
+    start_yaw_rad: float
+    camera: CameraModel
+    region: Region | None = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CameraSpec:
+    """A fixed camera at ``p_world`` (3,), ``q_world`` (4,) (camera to world)."""
+
+    name: str
+    camera: CameraModel
+    p_world: Array
+    q_world: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OccluderSpec:
+    """A solid that blocks views and flight."""
+
+    name: str
+    shape: Shape
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TargetSpec:
+    """A target: its collision box stands on its body frame's origin (z up), its features are in that frame.
+
+    Attributes
+    ----------
+    name : unique name
+    size_m : (length, width, height) of the box
+    features_m : (F,3) feature points in the body frame
+    motion : the law by which it moves
+    """
+
+    name: str
+    size_m: tuple[float, float, float]
+    features_m: Array
+    motion: TargetMotion
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class WorldDescription:
+    """Everything a physics back end needs; ``roads`` are only drawn.
+
+    Raises
+    ------
+    WorldError
+        Two bodies share a name, or ``physics.step_hz`` is no multiple of ``control_hz``.
+    """
+
+    physics: PhysicsSettings
+    control_hz: float
+    agents: tuple[AgentSpec, ...] = ()
+    cameras: tuple[CameraSpec, ...] = ()
+    occluders: tuple[OccluderSpec, ...] = ()
+    targets: tuple[TargetSpec, ...] = ()
+    roads: tuple[Road, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        names = [x.name for x in (*self.agents, *self.cameras, *self.occluders, *self.targets)]
+        doubled = sorted({n for n in names if names.count(n) > 1})
+        if doubled:
+            raise WorldError(f"names of agents, cameras, occluders and targets must differ; twice: {doubled}")
+        ratio = self.physics.step_hz / self.control_hz
+        if abs(ratio - round(ratio)) > 1e-9 or ratio < 1:
+            raise WorldError(
+                f"physics.step_hz = {self.physics.step_hz} must be a whole multiple of "
+                f"controller.rate_hz = {self.control_hz:g}"
+            )
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in one control period."""
+        return round(self.physics.step_hz / self.control_hz)
