@@ -1,1 +1,1 @@
-"""Pure geometry: rotations, pinhole cameras, view frusta, convex regions, roads."""
+"""Pure geometry: rotations, pinhole cameras, view frusta, regions, roads."""
