@@ -8,13 +8,15 @@ from pydantic import Field
 
 from camnet.settings import Fraction, NonNegative, Positive, Settings
 
-__all__ = ["BasisSettings", "EstimatorSettings", "GapSettings", "StackSettings"]
+__all__ = ["BasisSettings", "EkfSettings", "EstimatorSettings", "GapSettings", "StackSettings"]
 
 
 class BasisSettings(Settings):
     """Radial basis functions over position (and heading), placed by ``placement``.
 
     ``road``: along the roads of the world and their margins; ``grid``: over the bounding box of all regions.
+    ``width_m`` is the Gaussian's standard deviation; with ``position_heading`` the heading enters as
+    ``heading_scale_m * (cos, sin)``.
     """
 
     placement: Literal["auto", "grid", "road"] = "auto"
@@ -22,41 +24,78 @@ class BasisSettings(Settings):
     spacing_m: Positive = 0.5
     width_m: Positive = 0.5
     margin_m: NonNegative = 1.0
+    heading_scale_m: Positive = 0.5
+    headings: Annotated[int, Field(gt=0)] = 8
     max_kernels: Annotated[int, Field(gt=0)] = 400
 
 
 class StackSettings(Settings):
-    """History stack: ``size`` windows of ``window_s``; ``rule`` chooses which to keep (spec 01)."""
+    """History stack: ``size`` windows of ``window_s``; ``rule`` chooses which to keep.
+
+    Each end of a window is the mean of ``average`` poses: the mean of that many windows, each shifted by one sample,
+    is a window equation itself, and its noise is smaller. ``outlier_gate`` is in standard deviations of the recent
+    window residuals.
+    """
 
     size: Annotated[int, Field(gt=0)] = 600
-    window_s: Positive = 0.2
+    window_s: Positive = 0.4
+    average: Annotated[int, Field(gt=0)] = 4
     rule: Literal["lambda_min", "d_optimal"] = "d_optimal"
     excitation_threshold: Positive = 1e-3
     regularisation: Positive = 1e-3
+    outlier_gate: Positive = 6.0
 
 
 class GapSettings(Settings):
-    """Remedies of the gap problem (spec 01): what carries the prediction where nothing was measured."""
+    """Remedies of the gap problem: what carries the prediction where nothing was measured.
+
+    ``prior`` takes over where the learned model has no data; its turn rate fades with ``turn_memory_s``.
+    ``learn_across`` puts the path across a gap, reconstructed ``entry_s`` after the re-sighting, into the stack.
+    ``accel_psd_m2ps3`` is the unknown acceleration assumed for that path, ``path_std_mps`` the velocity uncertainty
+    at which a window of it counts half as much as a measured one.
+    """
 
     prior: Literal["none", "constant_velocity", "constant_turn"] = "constant_turn"
+    turn_memory_s: Positive = 10.0
+    handover_s: Positive = 0.3
     learn_across: bool = True
+    entry_s: Positive = 0.6
+    max_gap_s: Positive = 60.0
+    accel_psd_m2ps3: Positive = 1e-3
+    path_std_mps: Positive = 0.05
+
+
+class EkfSettings(Settings):
+    """Constant-velocity Kalman filter: unknown accelerations (power spectral densities) and measurement noise."""
+
+    accel_psd_m2ps3: Positive = 3e-3
+    angular_accel_psd_rad2ps3: Positive = 3e-3
+    position_noise_m: Positive = 0.01
+    orientation_noise_rad: Positive = 0.01
 
 
 class EstimatorSettings(Settings):
     """Update laws (3-6)-(3-12), (4-16)-(4-20): gains ``k1_per_s``, ``k2``, ``kcl``, ``gamma``, mix ``alpha``.
 
     ``form: twist`` learns [v; w] and multiplies by B(q); ``stacked`` learns the seven rates of the papers.
+    ``leakage`` draws weights without data to zero (0: the printed law). ``share`` lets all regions use one model.
     """
 
     form: Literal["twist", "stacked"] = "twist"
+    frame: Literal["world", "relative"] = "world"
+    share: bool = False
     k1_per_s: Positive = 3.0
     k2: NonNegative = 0.1
     kcl: Positive = 1.0
     gamma: Positive = 1.0
     alpha: Fraction = 1.0
+    leakage: NonNegative = 1e-3
     switching: Literal["sign", "sat", "tanh"] = "tanh"
     boundary_layer: Positive = 0.05
     weight_bound: Positive = 20.0
+    reset_on_sighting: bool = True
+    regression_samples: Annotated[int, Field(ge=3)] = 20
     basis: BasisSettings = BasisSettings()
     stack: StackSettings = StackSettings()
     gap: GapSettings = GapSettings()
+    ekf: EkfSettings = EkfSettings()
