@@ -6,6 +6,7 @@ an agent names its region and its camera model, a fixed camera its model, a targ
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -19,7 +20,17 @@ from camnet.sensing.settings import SensingSettings
 from camnet.settings import NonNegative, Positive, Settings, Vector3
 from camnet.world.settings import PhysicsSettings
 
-__all__ = ["Agent", "FixedCamera", "HandoffSettings", "Occluder", "Region", "RunSettings", "Scenario"]
+__all__ = [
+    "Agent",
+    "FixedCamera",
+    "HandoffSettings",
+    "Occluder",
+    "Region",
+    "RunSettings",
+    "Scenario",
+    "TrafficRegions",
+    "TrafficSettings",
+]
 
 
 class Region(Settings):
@@ -55,7 +66,10 @@ class Occluder(Settings):
 
 
 class HandoffSettings(Settings):
-    """How handoffs are predicted and counted (spec 06)."""
+    """How handoffs are predicted and counted.
+
+    A handoff counts as completed when the target is seen within ``grace_s`` of entering another region.
+    """
 
     grace_s: Positive = 2.0
     lookahead_s: Positive = 40.0
@@ -71,20 +85,56 @@ class RunSettings(Settings):
     lap_s: Positive | None = None
 
 
+class TrafficRegions(Settings):
+    """Operating regions on real streets: the ``count`` busiest places, boxes of ``size_m``.
+
+    ``spacing_m`` is the least distance between their centres.
+    """
+
+    count: Annotated[int, Field(gt=0, le=64)] = 4
+    size_m: Vector3 = (40.0, 40.0, 30.0)
+    spacing_m: Positive = 80.0
+
+
+class TrafficSettings(Settings):
+    """Targets from road traffic: SUMO is run on ``sumo_config``, and its vehicles are replayed.
+
+    The simulated seconds ``begin_s`` to ``begin_s + duration_s`` are kept, and the ``targets`` vehicles that pass
+    most regions; regions and agents are placed where most of the traffic is. ``camera`` names the camera model
+    that the agents carry.
+    """
+
+    sumo_config: Path
+    begin_s: NonNegative = 0.0
+    duration_s: Positive = 300.0
+    step_s: Positive = 0.5
+    seed: Annotated[int, Field(ge=0)] = 42
+    targets: Annotated[int, Field(gt=0)] = 4
+    camera: str
+    regions: TrafficRegions = TrafficRegions()
+    agent_height_m: Positive = 20.0
+
+
 class Scenario(Settings):
-    """One simulation: the world and the settings of everything in it."""
+    """One simulation: the world and the settings of everything in it.
+
+    ``data`` is the folder of recorded inputs: when given, relative paths in the file start there.
+    ``traffic`` stands for regions, agents and targets made from a traffic simulation.
+    """
 
     name: str
     description: str = ""
-    kind: Literal["network", "recorded"] = "network"
-    seed: int = 0
+    kind: Literal["network"] = "network"
+    seed: Annotated[int, Field(ge=0)] = 0
+    data: Path | None = Field(None, description="the folder of recorded inputs: --set data=FOLDER")
     cameras: tuple[CameraModel, ...]
     regions: tuple[Region, ...] = ()
     agents: tuple[Agent, ...] = ()
     fixed_cameras: tuple[FixedCamera, ...] = ()
     occluders: tuple[Occluder, ...] = ()
     roads: tuple[Road, ...] = ()
-    targets: Annotated[tuple[TargetSettings, ...], Field(min_length=1)]
+    targets: tuple[TargetSettings, ...] = ()
+    traffic: TrafficSettings | None = None
     physics: PhysicsSettings = PhysicsSettings()
     sensing: SensingSettings = SensingSettings()
     controller: ControllerSettings = ControllerSettings()

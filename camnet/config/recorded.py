@@ -1,0 +1,109 @@
+"""A recording: surveyed cameras and tracks of targets, replayed through the learned predictor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from camnet.config.diagnose import Problem, raise_problems, show
+from camnet.config.yaml_nodes import Node
+from camnet.settings import NonNegative, Positive, Settings
+
+__all__ = ["CameraFiles", "GeodeticOrigin", "RecordedScenario", "TrackFiles", "check_recorded"]
+
+
+class GeodeticOrigin(Settings):
+    """Where the local east-north-up frame touches the WGS84 ellipsoid; angles in degrees, as maps print them."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    altitude_m: Annotated[float, Field(ge=-1000, le=10000)] = 0.0
+
+
+class CameraFiles(Settings):
+    """Surveyed cameras: KRTD files matching ``glob`` in the data folder; a file's stem names its camera.
+
+    KRTD files hold no image size and no range, so they are given here. ``range_cap_m`` is how far away a target
+    can still be recognised.
+    """
+
+    glob: str = "cameras/*.krtd"
+    width_px: Annotated[int, Field(gt=0)] = 1920
+    height_px: Annotated[int, Field(gt=0)] = 1080
+    near_m: Positive = 0.5
+    range_cap_m: Positive = 80.0
+
+
+class TrackFiles(Settings):
+    """Recorded tracks: one file in the data folder, with the tracks of all targets."""
+
+    file: Path
+    format: Literal["csv", "gpx", "fcd", "eth"] = "csv"
+    max_fix_interval_s: Positive = 30.0
+    ground_height_m: float | None = None
+
+
+class RecordedScenario(Settings):
+    """Recorded targets seen by surveyed cameras, learned from and predicted through the gaps between them.
+
+    Attributes
+    ----------
+    target_height_m : height above the ground of the point that must be in view
+    min_gap_s, max_gap_s : shorter times out of view are no gap; longer ones end the visit
+    """
+
+    name: str
+    description: str = ""
+    kind: Literal["recorded"]
+    seed: Annotated[int, Field(ge=0)] = 0
+    data: Path = Field(description="the folder of the recording: --set data=FOLDER")
+    cameras: CameraFiles = CameraFiles()
+    tracks: TrackFiles
+    origin: GeodeticOrigin | None = None
+    target_height_m: NonNegative = 1.0
+    min_gap_s: NonNegative = 0.0
+    max_gap_s: Positive = 3600.0
+
+
+def check_recorded(scenario: RecordedScenario, root: Node) -> None:
+    """Check what the types cannot say: folders and files are there, ranges are in order.
+
+    Raises
+    ------
+    ConfigError
+        With one line for every problem found.
+    """
+    raise_problems(_problems(scenario), root)
+
+
+def _problems(scenario: RecordedScenario) -> Iterator[Problem]:
+    cameras = scenario.cameras
+    if cameras.near_m >= cameras.range_cap_m:
+        yield Problem(
+            ("cameras", "range_cap_m"), show(cameras.range_cap_m), f"must exceed near_m = {cameras.near_m}"
+        )
+    if scenario.min_gap_s >= scenario.max_gap_s:
+        yield Problem(
+            ("max_gap_s",), show(scenario.max_gap_s), f"must exceed min_gap_s = {scenario.min_gap_s}"
+        )
+    if scenario.tracks.format in ("csv", "gpx") and scenario.origin is None:
+        yield Problem(
+            ("origin",), "", "missing: give latitude_deg and longitude_deg of the cameras' local frame"
+        )
+    if not scenario.data.is_dir():
+        yield Problem(
+            ("data",), show(str(scenario.data)), "no such folder: give the recording's with --set data=FOLDER"
+        )
+        return
+    if not scenario.tracks.file.is_file():
+        yield Problem(("tracks", "file"), show(str(scenario.tracks.file)), "no such file")
+    try:
+        found = any(True for _ in scenario.data.glob(cameras.glob))
+    except (ValueError, NotImplementedError):
+        found = False
+    if not found:
+        advice = f"no file in {scenario.data} matches: give a pattern such as 'cameras/*.krtd'"
+        yield Problem(("cameras", "glob"), show(cameras.glob), advice)
