@@ -40,13 +40,22 @@ class RoadTarget(Settings):
 
 
 class TrackTarget(Settings):
-    """A recorded track, replayed: a CSV/GPX/FCD/ETH file and the identity to follow in it."""
+    """A recorded track, replayed: a CSV/GPX/FCD/ETH file and the identity to follow in it.
+
+    ``origin`` is the latitude and longitude (degrees) and altitude (m above WGS84) of the local frame, for files
+    with latitudes. ``start_s`` is how far into the track the simulation begins. ``frame_dt_s`` is the time of one
+    frame number in ETH/UCY files. Below ``min_speed_mps`` the heading is held, since noise would turn it.
+    """
 
     kind: Literal["track"]
     file: Path
     format: Literal["csv", "gpx", "fcd", "eth"] = "csv"
     id: str | None = None
     height_m: float = 0.0
+    origin: Vector3 | None = None
+    start_s: NonNegative = 0.0
+    frame_dt_s: Positive = 0.04
+    min_speed_mps: NonNegative = 0.05
 
 
 TargetClass = Annotated[VectorFieldTarget | RoadTarget | TrackTarget, Field(discriminator="kind")]

@@ -1,0 +1,62 @@
+"""Tracks from SUMO's floating-car data (FCD): XML, one ``<timestep>`` after another.
+
+Positions are those of the vehicle's front bumper in the network's metres; SUMO's angle is in degrees clockwise from
+north and becomes a heading anticlockwise from x (east).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from camnet.errors import DataError
+from camnet.importers._reading import number, parse_xml
+from camnet.importers.fixes import Fixes, TrackOptions, tracks_from_fixes
+from camnet.motion.track import Track
+
+__all__ = ["read_fcd_tracks"]
+
+
+def read_fcd_tracks(path: Path, options: TrackOptions) -> tuple[Track, ...]:
+    """Read every vehicle and person of an FCD file (``.gz`` allowed), with headings and speeds.
+
+    Raises
+    ------
+    DataError
+        Not FCD, an attribute is missing or no number, or no vehicle at all.
+    """
+    reader = _FcdReader(options.height_m)
+    parse_xml(path, "fcd-export", reader.start)
+    if not reader.fixes:
+        raise DataError(f"{path}: has no vehicle in any <timestep>")
+    return tracks_from_fixes(reader.fixes, str(path), options, geodetic=False)
+
+
+@dataclass(slots=True)
+class _FcdReader:
+    height_m: float
+    t_s: float = math.nan
+    fixes: dict[str, Fixes] = field(default_factory=dict)
+
+    def start(self, tag: str, attributes: dict[str, str], where: str) -> None:
+        """Take a time or a vehicle."""
+        if tag == "timestep":
+            self.t_s = number(_get(attributes, "time", tag, where), where, "time")
+        elif tag in ("vehicle", "person"):
+            if math.isnan(self.t_s):
+                raise DataError(f"{where}: <{tag}> stands outside of a <timestep>")
+            x, y, angle, speed = (
+                number(_get(attributes, name, tag, where), where, name)
+                for name in ("x", "y", "angle", "speed")
+            )
+            fixes = self.fixes.setdefault(_get(attributes, "id", tag, where), Fixes())
+            fixes.add(self.t_s, x, y, self.height_m)
+            fixes.heading_rad.append(math.remainder(math.radians(90.0 - angle), 2.0 * math.pi))
+            fixes.speed_mps.append(speed)
+
+
+def _get(attributes: dict[str, str], name: str, tag: str, where: str) -> str:
+    if name not in attributes:
+        raise DataError(f"{where}: <{tag}> has no attribute {name}; it has {', '.join(attributes) or 'none'}")
+    return attributes[name]
