@@ -1,0 +1,63 @@
+"""The ``camnet`` program. Exit status: 0 success, 1 failure, 2 bad input."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+# Numerical libraries must see these before they load: one thread keeps sums in one order on every machine.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from camnet import __version__
+from camnet.cli import certify, report, simulate, worlds
+from camnet.errors import CamnetError, SimulationError
+
+__all__ = ["build_parser", "main"]
+
+_EPILOG = """examples:
+  camnet worlds                                     what ships with camnet
+  camnet simulate quickstart --out runs/first       simulate, learn, hand off; writes a report
+  camnet certify quickstart                         how long may the target stay unseen?
+  camnet report runs/first                          draw the report again
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole program."""
+    parser = argparse.ArgumentParser(
+        prog="camnet",
+        description="Simulate, certify and train camera networks that hand targets over.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"camnet {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for module in (simulate, certify, worlds, report):
+        module.add_parser(commands)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status."""
+    args = build_parser().parse_args(argv)
+    try:
+        return int(args.run(args))
+    except SimulationError as error:
+        print(f"camnet: {error}", file=sys.stderr)
+        return 1
+    except CamnetError as error:
+        print(f"camnet: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("camnet: interrupted", file=sys.stderr)
+        return 1
+    except BrokenPipeError:  # the reader of our output left
+        sys.stderr.close()
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""``camnet simulate``: run a network and write its report."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from camnet import __version__
+from camnet.cli.common import add_common, add_scenario, overrides, progress_bar, say
+from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+
+__all__ = ["add_parser"]
+
+_DESCRIPTION = """Simulate a camera network: agents fly, the target moves, its motion is learned while it is seen and
+predicted while it is not, agents hand it over. Writes one folder: summary.json, handoffs.json, log.parquet (the whole
+log; pandas.read_parquet opens it), map.png, estimates.png, video.mp4, report.html.
+Ctrl-C ends a run early and leaves a valid partial one, marked as such."""
+
+
+def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Register the command."""
+    parser = commands.add_parser(
+        "simulate",
+        help="run a network and write its report",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_scenario(parser)
+    add_common(parser)
+    parser.add_argument("--no-video", action="store_true", help="write no video (about half of the time)")
+    parser.add_argument("--no-report", action="store_true", help="write figures and log only, no pictures")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Load, run, write."""
+    from camnet.config.load import load_scenario
+    from camnet.config.models import Scenario
+
+    scenario = load_scenario(args.config, overrides(args), seed=args.seed)
+    folder = choose_folder(args.out, f"{scenario.name}-seed{scenario.seed}", args.force)
+    if isinstance(scenario, Scenario):
+        return _network(args, scenario, folder)
+    from camnet.cli.simulate_recorded import run_and_write
+
+    return run_and_write(args, scenario, folder)
+
+
+def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # noqa: ANN401 - imported late
+    from camnet.report.write import write_all
+    from camnet.simulation.run import run_network
+
+    with progress_bar(scenario.run.duration_s, "simulating", "s", args.quiet) as advance:
+        result = run_network(scenario, scenario.seed, progress=advance)
+    content = {
+        "summary": result.summary,
+        "seed": scenario.seed,
+        "version": __version__,
+        "config": scenario.model_dump(mode="json"),
+    }
+    with whole_folder(folder) as temporary:
+        write_json(temporary / "summary.json", content)
+        write_json(temporary / "handoffs.json", result.handoffs)
+        result.log.write(temporary / "log.parquet")
+        if not args.no_report:
+            with progress_bar(1.0, "drawing", "", args.quiet) as advance:
+                write_all(temporary, video=not args.no_video, progress=lambda k, n: advance(k / n))
+    if args.json:
+        print_json(content)
+    else:
+        _print_figures(result.summary)
+    say(f"wrote {folder}" + ("" if args.no_report else f"; open {folder / 'report.html'}"))
+    if result.interrupted:
+        say(f"interrupted after {result.summary['simulated_s']:.1f} s: the run is partial and marked so")
+    return 0
+
+
+def _print_figures(summary: dict[str, Any]) -> None:
+    done, delay = summary["handoffs"], summary["reacquisition_delay_s"]
+    print(f"time in view             {summary['time_in_view']:8.1%}")
+    print(f"handoffs completed       {done['completed']:5d} of {done['attempted']}")
+    print(f"reacquisition delay      {_number(delay['mean'])} s mean, {_number(delay['p95'])} s 95 %")
+    print("position RMSE (m)            seen  unseen lap 1  unseen lap 3 on")
+    for name, row in {"learned": summary, **summary["baselines"]}.items():
+        rmse = row["position_rmse_m"]
+        figures = f"{_number(rmse['seen'])}      {_number(rmse['unseen_first_lap'])}         {_number(rmse['unseen'])}"
+        print(f"  {name:22s} {figures}")
+    print(f"real-time factor         {summary['real_time_factor']:8.1f}")
+
+
+def _number(value: float | None) -> str:
+    return "     –  " if value is None else f"{value:8.3f}"

@@ -1,0 +1,150 @@
+"""``report.html``: the figures of a run on one self-contained page."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from camnet.report.run_data import RunData
+from camnet.report.style import FILTER_LABELS
+
+__all__ = ["table", "write_page", "write_report"]
+
+#: a video larger than this stays beside the page instead of inside it
+_EMBED_LIMIT_BYTES = 12_000_000
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2rem auto;padding:0 1rem;color:#222}
+h1{font-size:1.5rem;margin-bottom:.2rem}h2{font-size:1.1rem;margin-top:2rem;border-bottom:1px solid #ddd}
+table{border-collapse:collapse;margin:.6rem 0}td,th{padding:.25rem .8rem;border-bottom:1px solid #e5e5e5;text-align:right}
+td:first-child,th:first-child{text-align:left}th{font-weight:600;background:#f6f5f1}img,video{max-width:100%}
+.figures{display:flex;gap:1.2rem;flex-wrap:wrap}.figures div{background:#f6f5f1;padding:.6rem 1rem;border-radius:.4rem}
+.figures b{display:block;font-size:1.3rem}.warn{background:#fdecea;padding:.6rem 1rem;border-radius:.4rem}
+pre{background:#f6f5f1;padding:1rem;overflow-x:auto;font-size:12px}
+"""
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return an HTML table; cells are escaped."""
+    line = "<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
+    )
+    return f"<table>{line}{body}</table>"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def write_page(path: Path, title: str, body: str) -> None:
+    """Write one self-contained page (a temporary name first)."""
+    page = (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f"<style>{_STYLE}</style></head><body>{body}</body></html>\n"
+    )
+    temporary = path.with_suffix(".partial")
+    temporary.write_text(page, encoding="utf-8")
+    temporary.replace(path)
+
+
+def write_report(run: RunData, path: Path) -> None:
+    """Write the report of a network run from what lies in its folder."""
+    scenario, summary = run.network.scenario, run.summary
+    parts = [f"<h1>{html.escape(scenario.name)}</h1><p>{html.escape(scenario.description)}</p>"]
+    if summary["interrupted"]:
+        parts.append(
+            f'<p class="warn">This run was interrupted after {summary["simulated_s"]:.1f} of '
+            f"{scenario.run.duration_s:.0f} s; its figures are valid up to there.</p>"
+        )
+    parts += [_headline(summary), _picture(run.folder / "map.png", "map"), _video(run.folder / "video.mp4")]
+    parts += ["<h2>How well each estimator did</h2>", _estimator_table(run)]
+    parts += [_picture(run.folder / "estimates.png", "estimates over time")]
+    parts += ["<h2>Handoffs</h2>", _handoff_table(run)]
+    parts += ["<h2>Dwell times</h2>", _nested_table(summary["dwell"])]
+    parts += ["<h2>Controller</h2>", _nested_table(summary["controller"])]
+    parts += [
+        f"<h2>Settings</h2><pre>{html.escape(json.dumps(scenario.model_dump(mode='json'), indent=2))}</pre>"
+    ]
+    write_page(path, f"camnet: {scenario.name}", "\n".join(parts))
+
+
+def _headline(summary: dict[str, Any]) -> str:
+    done, delay = summary["handoffs"], summary["reacquisition_delay_s"]["mean"]
+    unseen = summary["position_rmse_m"]["unseen"]
+    figures = [
+        (f"{summary['time_in_view']:.1%}", "of the time in view"),
+        (f"{done['completed']} / {done['attempted']}", "handoffs completed"),
+        ("–" if delay is None else f"{delay:.2f} s", "mean reacquisition delay"),
+        ("–" if unseen is None else f"{unseen:.3f} m", "position RMSE while unseen, from the third lap on"),
+        (f"{summary['collisions']}", "collisions"),
+        (f"{summary['real_time_factor']:.1f} x", "real time"),
+    ]
+    return '<div class="figures">' + "".join(f"<div><b>{a}</b>{b}</div>" for a, b in figures) + "</div>"
+
+
+def _estimator_table(run: RunData) -> str:
+    summary = run.summary
+    rows = {run.filters[0]: summary, **summary["baselines"]}
+    head = ["estimator", "seen (m)", "unseen, lap 1 (m)", "unseen, lap 3 on (m)"]
+    head += ["seen (deg)", "unseen, lap 1 (deg)", "unseen, lap 3 on (deg)"]
+    keys = ("seen", "unseen_first_lap", "unseen")
+    return table(
+        head,
+        [
+            [FILTER_LABELS.get(name, name)]
+            + [row["position_rmse_m"][k] for k in keys]
+            + [row["orientation_rmse_deg"][k] for k in keys]
+            for name, row in rows.items()
+        ],
+    )
+
+
+def _handoff_table(run: RunData) -> str:
+    if not run.handoffs:
+        return "<p>No handoff was attempted.</p>"
+    keys = ("target", "from", "to", "lost_s", "entered_s", "delay_s", "completed")
+    head = ("target", "from", "to", "lost at (s)", "entered at (s)", "delay (s)", "completed")
+    return table(head, [[h[k] for k in keys] for h in run.handoffs])
+
+
+def _nested_table(content: dict[str, Any]) -> str:
+    return table(("quantity", "value"), list(_flatten(content)))
+
+
+def _flatten(content: Any, prefix: str = "") -> Iterable[tuple[str, object]]:
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from _flatten(value, f"{prefix}{key} · " if isinstance(value, dict) else f"{prefix}{key}")
+    elif isinstance(content, list):
+        yield (
+            prefix.rstrip(" ·"),
+            f"{len(content)} entries" if content and isinstance(content[0], dict) else content,
+        )
+    else:
+        yield prefix, content
+
+
+def _data_uri(path: Path, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+
+
+def _picture(path: Path, words: str) -> str:
+    return f'<p><img alt="{words}" src="{_data_uri(path, "image/png")}"></p>' if path.exists() else ""
+
+
+def _video(path: Path) -> str:
+    if not path.exists():
+        return ""
+    small = path.stat().st_size <= _EMBED_LIMIT_BYTES
+    source = _data_uri(path, "video/mp4") if small else path.name
+    return f'<p><video controls muted loop src="{source}"></video></p>'

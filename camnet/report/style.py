@@ -1,0 +1,50 @@
+"""Colours and figure defaults shared by every picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+__all__ = ["CAMERA_COLOURS", "FILTER_COLOURS", "FILTER_LABELS", "UNSEEN", "figure_style", "save"]
+
+#: colour-blind safe, in the order of the cameras (repeated when there are more)
+CAMERA_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7500", "#6a3d9a")
+FILTER_COLOURS = {"learned": "#c1121f", "ekf": "#3a5ba0", "ideal": "#2a9d5c", "printed": "#9a7d0a"}
+FILTER_LABELS = {
+    "learned": "learned",
+    "ekf": "EKF, constant velocity",
+    "ideal": "ideal predictor",
+    "printed": "learned, as printed (no gap remedies)",
+}
+#: shading of the time during which no camera sees the target
+UNSEEN = "#e8e4da"
+
+
+@contextmanager
+def figure_style() -> Iterator[None]:
+    """Figure defaults within the block; the caller's own are kept."""
+    settings: dict[str, Any] = {
+        "figure.facecolor": "white",
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.color": "#dddddd",
+        "grid.linewidth": 0.6,
+        "font.size": 9,
+        "legend.frameon": False,
+        "savefig.dpi": 130,
+    }
+    with mpl.rc_context(settings):
+        yield
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure (a temporary name first); no date inside, so that equal figures give equal files."""
+    temporary = path.with_name(f".{path.name}.partial")
+    figure.savefig(temporary, format="png", bbox_inches="tight", metadata={"Software": None})
+    temporary.replace(path)

@@ -1,0 +1,57 @@
+"""The log of a run: one wide table, one row per log instant, written as Parquet.
+
+Column names are ``<who>.<quantity>_<unit>``: ``robot.p_x_m``, ``robot.learned.p_x_m``, ``camera_0.ref_x_m``.
+The bytes depend on the logged numbers alone, so equal runs give equal files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from camnet.types import Array
+
+__all__ = ["RunLog"]
+
+
+class RunLog:
+    """A table of float64 columns that grows by rows.
+
+    Parameters
+    ----------
+    columns : names, in order
+    """
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        self.columns = tuple(columns)
+        self._rows: Array = np.empty((1024, len(self.columns)))
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, row: Array) -> None:
+        """Add one row, shape (number of columns,)."""
+        if self._count == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._rows[self._count] = row
+        self._count += 1
+
+    @property
+    def values(self) -> Array:
+        """All rows, shape (rows, columns)."""
+        return self._rows[: self._count]
+
+    def table(self) -> pa.Table:
+        """The log as an Arrow table."""
+        return pa.table({name: self.values[:, i] for i, name in enumerate(self.columns)})
+
+    def write(self, path: Path) -> None:
+        """Write Parquet to ``path`` (a temporary name first, then renamed)."""
+        temporary = path.with_suffix(".partial")
+        pq.write_table(self.table(), temporary, compression="zstd")
+        temporary.replace(path)

@@ -1,0 +1,177 @@
+"""The closed loop of one simulation, one decision period at a time.
+
+    setpoints -> C1 references -> sliding mode (4-6) -> world -> visibility on the truth -> measurements
+              -> estimators side by side -> entries into the regions -> next setpoints
+
+Rates: physics inside the world, control at ``controller.rate_hz``, sensing at ``sensing.rate_hz``, decisions at
+``run.decision_hz``; each is a whole multiple of the next slower one's period in control steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camnet.control.monitor import DisturbanceMonitor
+from camnet.control.references import ReferenceGenerator
+from camnet.control.sliding_mode import SlidingModeController
+from camnet.errors import ConfigError
+from camnet.estimation.protocol import Rollout, TargetFilter
+from camnet.sensing.pose_sensor import PoseSensor
+from camnet.sensing.visibility import VisibilityTest
+from camnet.simulation.entries import Entry, predict_entries
+from camnet.simulation.filters import build_filter
+from camnet.simulation.handoff import HandoffTracker
+from camnet.simulation.network import Network
+from camnet.types import Array, BoolArray, PoseMeasurement, Snapshot, Twist
+from camnet.world.protocol import World
+
+__all__ = ["NetworkSimulation", "Setpoints"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Setpoints:
+    """What every agent is asked to do: position (N,3) in the world, m, and gaze (N,2) = (pan, tilt), rad."""
+
+    p_world: Array
+    gaze_rad: Array
+
+
+class NetworkSimulation:
+    """One camera network in closed loop.
+
+    Parameters
+    ----------
+    network : the built scenario
+    world : the physics back end
+    filters : names of the estimators to run on the same measurements; the first one drives the agents
+    seed : fixes the whole run
+    """
+
+    def __init__(self, network: Network, world: World, filters: Sequence[str], seed: int) -> None:
+        scenario = network.scenario
+        self.network, self.world, self.filter_names = network, world, tuple(filters)
+        self.control_dt_s = 1.0 / scenario.controller.rate_hz
+        self.sense_every = _whole_ratio("sensing", scenario.controller.rate_hz, scenario.sensing.rate_hz)
+        self.decide_every = _whole_ratio("decision", scenario.controller.rate_hz, scenario.run.decision_hz)
+        self._visibility = VisibilityTest(
+            network.cameras,
+            [target.features_m for target in network.description.targets],
+            [*network.regions[: network.n_agents], *(None for _ in scenario.fixed_cameras)],
+        )
+        self.reset(seed)
+
+    def reset(self, seed: int) -> None:
+        """Start again; every generator is derived from ``seed``."""
+        scenario, network = self.network.scenario, self.network
+        world_rng, self._sensor_rng = (
+            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2)
+        )
+        self.snapshot: Snapshot = self.world.reset(world_rng)
+        self.count = 0
+        self._controller = SlidingModeController(scenario.controller, network.n_agents)
+        self._references = ReferenceGenerator(
+            scenario.controller, [a.region for a in network.description.agents], self.snapshot
+        )
+        self._sensor = PoseSensor(scenario.sensing, network.n_targets, len(network.cameras))
+        self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
+        self.filters: dict[str, list[TargetFilter]] = {
+            name: [self._filter(name, m) for m in range(network.n_targets)] for name in self.filter_names
+        }
+        self.trackers = [HandoffTracker(m, scenario.handoff.grace_s) for m in range(network.n_targets)]
+        self.visible: BoolArray = np.zeros((len(network.cameras), network.n_targets), dtype=bool)
+        self.target_region = np.full(network.n_targets, -1)
+        self._sense()
+
+    def _filter(self, name: str, m: int) -> TargetFilter:
+        network, scenario = self.network, self.network.scenario
+
+        def true_twist(t_s: float) -> Twist:
+            return Twist(self.snapshot.target_v_world[m], self.snapshot.target_w_body[m])
+
+        return build_filter(
+            name,
+            scenario.estimator,
+            network.basis,
+            len(network.regions),
+            scenario.sensing.rate_hz,
+            network.bounds,
+            true_twist,
+        )
+
+    @property
+    def driving(self) -> list[TargetFilter]:
+        """The estimators whose output the agents act on, one per target."""
+        return self.filters[self.filter_names[0]]
+
+    def advance(self, setpoints: Setpoints) -> None:
+        """Run one decision period under constant setpoints."""
+        for _ in range(self.decide_every):
+            self._control_step(setpoints)
+            if self.count % self.sense_every == 0:
+                self._sense()
+
+    def _control_step(self, setpoints: Setpoints) -> None:
+        if self.network.n_agents == 0:
+            command = self._controller.rest()
+        else:
+            reference = self._references.step(setpoints.p_world, setpoints.gaze_rad, self.control_dt_s)
+            command = self._controller.command(self.snapshot, reference)
+        before = self.snapshot
+        self.snapshot = self.world.step(command)
+        self.count += 1
+        if self.network.n_agents:
+            self.disturbance.update(before, self.snapshot, command, self._references.current)
+
+    def _sense(self) -> None:
+        snapshot = self.snapshot
+        self.visible = self._visibility(snapshot, self.world.rays_clear)
+        measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
+        self._locate_targets()
+        for m, tracker in enumerate(self.trackers):
+            best = _nearest([z for z in measurements if z.target == m])
+            for name in self.filter_names:
+                if best is None:
+                    self.filters[name][m].predict(snapshot.t_s)
+                else:
+                    self.filters[name][m].correct(best, best.camera)
+            tracker.update(snapshot.t_s, int(self.target_region[m]), self.seen_by(m))
+
+    def _locate_targets(self) -> None:
+        self.target_region[:] = -1
+        for j, region in enumerate(self.network.regions):
+            self.target_region[region.contains(self.snapshot.target_p_world)] = j
+
+    def seen_by(self, m: int) -> int:
+        """Index of a camera that truly sees target ``m`` (-1: none)."""
+        cameras = np.flatnonzero(self.visible[:, m])
+        return int(cameras[0]) if cameras.size else -1
+
+    def rollout(self, m: int) -> Rollout:
+        """Predicted future of target ``m`` by the driving estimator."""
+        return self.driving[m].rollout(self.network.scenario.handoff.lookahead_s, 0.1)
+
+    def entries(self) -> list[list[Entry | None]]:
+        """Predicted entries, ``[m][j]``, of every target into every region."""
+        known = [np.isfinite(f.estimate.last_seen_s) for f in self.driving]
+        nothing: list[Entry | None] = [None] * len(self.network.regions)
+        return [
+            predict_entries(self.rollout(m), self.network.regions) if known[m] else nothing
+            for m in range(self.network.n_targets)
+        ]
+
+
+def _nearest(measurements: list[PoseMeasurement]) -> PoseMeasurement | None:
+    """Of several cameras that measured one target, the nearest one."""
+    return min(measurements, key=lambda z: float(z.p_cam @ z.p_cam), default=None)
+
+
+def _whole_ratio(what: str, fast_hz: float, slow_hz: float) -> int:
+    ratio = fast_hz / slow_hz
+    if abs(ratio - round(ratio)) > 1e-9 or ratio < 1:
+        raise ConfigError(
+            f"controller.rate_hz = {fast_hz:g} must be a whole multiple of the {what} rate {slow_hz:g} Hz"
+        )
+    return round(ratio)

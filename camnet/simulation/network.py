@@ -1,0 +1,112 @@
+"""From a scenario to the objects of one simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camnet.config.models import Agent, FixedCamera, Scenario
+from camnet.errors import WorldError
+from camnet.estimation.basis import Basis
+from camnet.estimation.placement import place_basis
+from camnet.geometry.regions import Region, build_region
+from camnet.geometry.frustum import frustum_corners
+from camnet.geometry.rotations import look_at, normalise, rotate
+from camnet.geometry.settings import CameraModel, Polytope
+from camnet.motion.factory import build_motion
+from camnet.types import Array
+from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, TargetSpec, WorldDescription
+
+__all__ = ["Network", "build_network", "view_volume"]
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A scenario with its geometry built; region j belongs to camera j, agents' cameras first.
+
+    Attributes
+    ----------
+    scenario : the settings
+    regions : C regions: operating regions of the N agents, then the view volumes of fixed cameras
+    cameras : C camera models
+    description : what the world needs to build its bodies
+    basis : kernels of the learned motion model
+    bounds : (2, 3) corners of the tracking space, m
+    """
+
+    scenario: Scenario
+    regions: tuple[Region, ...]
+    cameras: tuple[CameraModel, ...]
+    description: WorldDescription
+    basis: Basis
+    bounds: Array
+
+    @property
+    def n_agents(self) -> int:
+        """Number of mobile cameras."""
+        return len(self.scenario.agents)
+
+    @property
+    def n_targets(self) -> int:
+        """Number of targets."""
+        return len(self.scenario.targets)
+
+
+def build_network(scenario: Scenario) -> Network:
+    """Build the geometry, the world's description and the basis of one scenario."""
+    if not scenario.agents and not scenario.fixed_cameras:
+        raise WorldError(
+            f"world {scenario.name!r} has no agents and no fixed cameras: add at least one camera"
+        )
+    models = {model.name: model for model in scenario.cameras}
+    shapes = {region.name: build_region(region.name, region.shape) for region in scenario.regions}
+    fixed = [_fixed_camera(camera, models) for camera in scenario.fixed_cameras]
+    regions = (*(shapes[a.region] for a in scenario.agents), *(view_volume(spec) for spec in fixed))
+    description = WorldDescription(
+        physics=scenario.physics,
+        control_hz=scenario.controller.rate_hz,
+        agents=tuple(_agent(a, shapes, models) for a in scenario.agents),
+        cameras=tuple(fixed),
+        occluders=tuple(OccluderSpec(o.name, o.shape) for o in scenario.occluders),
+        targets=tuple(
+            TargetSpec(t.name, t.size_m, np.array(t.features_m), build_motion(t, scenario.roads))
+            for t in scenario.targets
+        ),
+        roads=scenario.roads,
+    )
+    bounds = _bounds(regions, scenario)
+    cameras = tuple(spec.camera for spec in (*description.agents, *fixed))
+    basis = place_basis(scenario.estimator.basis, regions, scenario.roads, bounds)
+    return Network(scenario, regions, cameras, description, basis, bounds)
+
+
+def view_volume(spec: CameraSpec) -> Region:
+    """Field-of-view volume V_c of a fixed camera: the frustum between its near and far range, world frame."""
+    corners = spec.p_world + rotate(spec.q_world, frustum_corners(spec.camera))
+    return build_region(spec.name, Polytope(type="polytope", vertices_m=tuple(map(tuple, corners.tolist()))))
+
+
+def _agent(agent: Agent, regions: dict[str, Region], models: dict[str, CameraModel]) -> AgentSpec:
+    region = regions[agent.region]
+    start = region.center if agent.start_m is None else np.array(agent.start_m)
+    return AgentSpec(agent.name, start, agent.start_yaw_rad, models[agent.camera], region)
+
+
+def _fixed_camera(camera: FixedCamera, models: dict[str, CameraModel]) -> CameraSpec:
+    p_world = np.array(camera.pose.position_m)
+    if camera.pose.quaternion_wxyz is not None:
+        q_world = normalise(np.array(camera.pose.quaternion_wxyz))
+    else:
+        q_world = look_at(p_world, np.array(camera.pose.look_at_m))
+    return CameraSpec(camera.name, models[camera.camera], p_world, q_world)
+
+
+def _bounds(regions: tuple[Region, ...], scenario: Scenario) -> Array:
+    """Smallest box around all regions, roads and target starts, grown by the basis' margin on the ground."""
+    corners = [region.bounds for region in regions]
+    corners += [np.c_[np.array(road.points_m), np.zeros(len(road.points_m))] for road in scenario.roads]
+    corners += [np.array([[*t.start_m, 0.0]]) for t in scenario.targets if t.start_m is not None]
+    points = np.concatenate(corners)
+    margin = np.array([1.0, 1.0, 0.0]) * scenario.estimator.basis.margin_m
+    return np.stack([points.min(axis=0) - margin, points.max(axis=0) + margin])

@@ -1,0 +1,90 @@
+"""Which quantities of a simulation are logged, and one row of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from camnet.simulation.coordination import Task
+from camnet.simulation.log import RunLog
+from camnet.simulation.loop import NetworkSimulation, Setpoints
+from camnet.types import Array
+
+__all__ = ["Recorder", "log_columns"]
+
+_XYZ, _WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
+
+
+def _vector(who: str, what: str, unit: str) -> list[str]:
+    return [f"{who}.{what}_{axis}_{unit}" for axis in _XYZ]
+
+
+def _quaternion(who: str, what: str) -> list[str]:
+    return [f"{who}.{what}_{axis}" for axis in _WXYZ]
+
+
+def log_columns(agents: Sequence[str], targets: Sequence[str], filters: Sequence[str]) -> list[str]:
+    """Names of the log's columns; positions in m, velocities in m/s, quaternions scalar first, body to world.
+
+    ``<target>.region`` and ``<target>.seen_by`` are indices of regions and cameras (-1: none), ``<agent>.role`` is
+    0 loiter, 1 intercept, 2 track.
+    """
+    columns = ["t_s"]
+    for target in targets:
+        columns += [*_vector(target, "p", "m"), *_quaternion(target, "q"), *_vector(target, "v", "mps")]
+        columns += [f"{target}.{what}" for what in ("region", "seen_by", "lap")]
+        for name in filters:
+            who = f"{target}.{name}"
+            columns += [*_vector(who, "p", "m"), *_quaternion(who, "q"), *_vector(who, "v", "mps")]
+            columns += [f"{who}.radius_m"]
+    for agent in agents:
+        columns += [*_vector(agent, "p", "m"), *_quaternion(agent, "q"), *_vector(agent, "v", "mps")]
+        columns += [*_vector(agent, "cam_p", "m"), *_quaternion(agent, "cam_q")]
+        columns += [*_vector(agent, "set_p", "m"), *_vector(agent, "ref_p", "m"), f"{agent}.role"]
+    return columns
+
+
+class Recorder:
+    """Appends one row of a simulation to a `RunLog`."""
+
+    def __init__(self, simulation: NetworkSimulation) -> None:
+        self._simulation = simulation
+        world = simulation.world
+        self.log = RunLog(log_columns(world.agent_names, world.target_names, simulation.filter_names))
+
+    def record(self, setpoints: Setpoints, tasks: Sequence[Task]) -> None:
+        """Log the present instant, with the setpoints and tasks just decided."""
+        s = self._simulation
+        parts: list[Array | list[float]] = [[s.snapshot.t_s]]
+        for m in range(s.network.n_targets):
+            parts += self._target(m)
+        for j in range(s.network.n_agents):
+            parts += self._agent(j, setpoints, tasks)
+        self.log.append(np.concatenate(parts))
+
+    def _target(self, m: int) -> list[Array | list[float]]:
+        s, truth = self._simulation, self._simulation.snapshot
+        parts: list[Array | list[float]] = [
+            truth.target_p_world[m],
+            truth.target_q_world[m],
+            truth.target_v_world[m],
+            [float(s.target_region[m]), float(s.seen_by(m)), float(s.trackers[m].lap)],
+        ]
+        for name in s.filter_names:
+            e = s.filters[name][m].estimate
+            parts += [e.p_world, e.q_world, e.v_world, [e.radius_m]]
+        return parts
+
+    def _agent(self, j: int, setpoints: Setpoints, tasks: Sequence[Task]) -> list[Array | list[float]]:
+        s, truth = self._simulation, self._simulation.snapshot
+        return [
+            truth.agent_p_world[j],
+            truth.agent_q_world[j],
+            truth.agent_v_world[j],
+            truth.camera_p_world[j],
+            truth.camera_q_world[j],
+            setpoints.p_world[j],
+            s.reference_p_world(j),
+            [float(tasks[j].role)],
+        ]
