@@ -1,6 +1,6 @@
 """Compiled rotations of single quaternions, (4,) and (3,) arrays; names and meaning as in ``rotations``.
 
-About a third of a microsecond a call from Python, and free to call from other kernels. ``rotations`` is their
+About a microsecond a call from Python, and free to call from other kernels. ``rotations`` is their
 test oracle.
 """
 

@@ -1,0 +1,335 @@
+"""Solid regions: operating regions of agents, occluders, and anything else with an inside.
+
+| class | shape |
+| --- | --- |
+| `BoxRegion` | axis-aligned box |
+| `CylinderRegion` | upright cylinder |
+| `PrismRegion` | simple polygon, convex or not, between two heights |
+| `polytope.PolytopeRegion` | convex hull of points |
+
+Signed distances are exact, inside and outside. ``build_region`` makes one from settings; ``overlaps`` decides
+whether two interiors meet.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import ArrayLike
+
+from camnet.errors import WorldError
+from camnet.geometry import polygon
+from camnet.geometry.polytope import PolytopeRegion, check_margin, largest_ball
+from camnet.geometry.settings import Box, Cylinder, ExtrudedPolygon, Polytope, Shape
+from camnet.types import Array, BoolArray
+
+__all__ = ["BoxRegion", "CylinderRegion", "PrismRegion", "Region", "build_region", "overlaps"]
+
+#: regions whose common part is thinner than this (m) only touch
+TOUCHING_M = 1e-6
+#: corners of the polygon that stands for a circle on maps
+CIRCLE_CORNERS = 64
+
+
+class Region(Protocol):
+    """What every region can do.
+
+    Attributes
+    ----------
+    name : shown in messages
+    bounds : (2, 3) smallest and largest coordinates, m
+    height : (2,) lowest and highest z, m
+    center : (3,) an interior point, m
+    inradius_m : radius of the largest ball inside, hence the largest margin
+    """
+
+    name: str
+    bounds: Array
+    height: Array
+    center: Array
+    inradius_m: float
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """Distance (...,) in m of points (..., 3) to the surface, negative inside; exact on both sides."""
+        ...
+
+    def contains(self, points: ArrayLike) -> BoolArray:
+        """Whether points (..., 3) are inside or on the surface (...,)."""
+        ...
+
+    def project(self, point: ArrayLike, margin_m: float = 0.0) -> Array:
+        """Nearest point (3,) that is at least ``margin_m`` inside; WorldError when there is none."""
+        ...
+
+    def footprint(self) -> Array:
+        """Outline (K, 2) seen from above, counter-clockwise, first point not repeated."""
+        ...
+
+    def slab_outline(self, z_lo: float, z_hi: float) -> Array:
+        """Outline (K, 2), seen from above, of the part between two heights; empty when there is none."""
+        ...
+
+
+def _slab(region: BoxRegion | CylinderRegion | PrismRegion, z_lo: float, z_hi: float) -> Array:
+    if min(z_hi, region.height[1]) < max(z_lo, region.height[0]):
+        return np.zeros((0, 2))
+    return region.footprint()
+
+
+@njit(cache=True)
+def _box_project(p: Array, lo: Array, hi: Array, margin: float) -> Array:
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = min(max(p[i], lo[i] + margin), hi[i] - margin)
+    return out
+
+
+class BoxRegion:
+    """Axis-aligned box between ``min_m`` (3,) and ``max_m`` (3,)."""
+
+    def __init__(self, name: str, min_m: ArrayLike, max_m: ArrayLike) -> None:
+        lo, hi = np.array(min_m, dtype=np.float64), np.array(max_m, dtype=np.float64)
+        if not np.all(lo < hi):
+            raise WorldError(
+                f"region '{name}': min_m {lo.tolist()} must be below max_m {hi.tolist()} in every coordinate"
+            )
+        self.name = name
+        self.bounds: Array = np.stack([lo, hi])
+        self.height: Array = self.bounds[:, 2].copy()
+        self.center: Array = 0.5 * (lo + hi)
+        self.inradius_m = 0.5 * float(np.min(hi - lo))
+        self._half: Array = 0.5 * (hi - lo)
+        for array in (self.bounds, self.height, self.center, self._half):
+            array.setflags(write=False)
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """See `Region`."""
+        d = np.abs(np.asarray(points, dtype=np.float64) - self.center) - self._half
+        outside = np.linalg.norm(np.maximum(d, 0.0), axis=-1)
+        return np.asarray(outside + np.minimum(np.max(d, axis=-1), 0.0))
+
+    def contains(self, points: ArrayLike) -> BoolArray:
+        """See `Region`."""
+        p = np.asarray(points, dtype=np.float64)
+        return np.asarray(np.all((p >= self.bounds[0]) & (p <= self.bounds[1]), axis=-1))
+
+    def project(self, point: ArrayLike, margin_m: float = 0.0) -> Array:
+        """See `Region`."""
+        if not margin_m <= self.inradius_m:
+            check_margin(self.name, margin_m, self.inradius_m)
+        return np.asarray(
+            _box_project(np.asarray(point, dtype=np.float64), self.bounds[0], self.bounds[1], margin_m)
+        )
+
+    def footprint(self) -> Array:
+        """See `Region`."""
+        (x0, y0, _), (x1, y1, _) = self.bounds
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+    def slab_outline(self, z_lo: float, z_hi: float) -> Array:
+        """See `Region`."""
+        return _slab(self, z_lo, z_hi)
+
+
+@njit(cache=True)
+def _cylinder_project(p: Array, cx: float, cy: float, radius: float, z_lo: float, z_hi: float) -> Array:
+    dx, dy = p[0] - cx, p[1] - cy
+    d = math.sqrt(dx * dx + dy * dy)
+    out = np.empty(3)
+    out[0], out[1] = p[0], p[1]
+    if d > radius:
+        out[0], out[1] = cx + radius * dx / d, cy + radius * dy / d
+    out[2] = min(max(p[2], z_lo), z_hi)
+    return out
+
+
+class CylinderRegion:
+    """Upright cylinder: centre (2,), radius, heights (2,), all in m."""
+
+    def __init__(self, name: str, center_m: ArrayLike, radius_m: float, z_m: ArrayLike) -> None:
+        z_lo, z_hi = _heights(name, z_m)
+        if not radius_m > 0.0:
+            raise WorldError(f"region '{name}': radius_m is {radius_m}; it must be positive")
+        self.name = name
+        self.radius_m = float(radius_m)
+        x, y = (float(c) for c in np.asarray(center_m, dtype=np.float64))
+        self.center: Array = np.array([x, y, 0.5 * (z_lo + z_hi)])
+        self.height: Array = np.array([z_lo, z_hi])
+        self.bounds: Array = np.array(
+            [[x - radius_m, y - radius_m, z_lo], [x + radius_m, y + radius_m, z_hi]]
+        )
+        self.inradius_m = min(self.radius_m, 0.5 * (z_hi - z_lo))
+        self._project_args = (x, y, self.radius_m, z_lo, z_hi)
+        for array in (self.bounds, self.height, self.center):
+            array.setflags(write=False)
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """See `Region`."""
+        p = np.asarray(points, dtype=np.float64)
+        radial = np.linalg.norm(p[..., :2] - self.center[:2], axis=-1) - self.radius_m
+        return _prism_distance(radial, p[..., 2], self.height)
+
+    def contains(self, points: ArrayLike) -> BoolArray:
+        """See `Region`."""
+        return np.asarray(self.signed_distance(points) <= 0.0)
+
+    def project(self, point: ArrayLike, margin_m: float = 0.0) -> Array:
+        """See `Region`."""
+        if not margin_m <= self.inradius_m:
+            check_margin(self.name, margin_m, self.inradius_m)
+        x, y, radius, z_lo, z_hi = self._project_args
+        p = np.asarray(point, dtype=np.float64)
+        return np.asarray(_cylinder_project(p, x, y, radius - margin_m, z_lo + margin_m, z_hi - margin_m))
+
+    def footprint(self) -> Array:
+        """See `Region`; a circle comes back as a polygon of 64 corners on it."""
+        angle = 2.0 * np.pi * np.arange(CIRCLE_CORNERS) / CIRCLE_CORNERS
+        return self.center[:2] + self.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    def slab_outline(self, z_lo: float, z_hi: float) -> Array:
+        """See `Region`."""
+        return _slab(self, z_lo, z_hi)
+
+
+class PrismRegion:
+    """Simple polygon (K, 2), convex or not, between two heights (2,), all in m."""
+
+    def __init__(self, name: str, vertices_m: ArrayLike, z_m: ArrayLike) -> None:
+        z_lo, z_hi = _heights(name, z_m)
+        self.name = name
+        self.vertices: Array = _simple_polygon(name, np.array(vertices_m, dtype=np.float64).reshape(-1, 2))
+        plane = shapely.Polygon(self.vertices)
+        # the line from the centre of the largest circle to where it touches the border
+        circle = shapely.maximum_inscribed_circle(plane)
+        self.inradius_m = min(float(circle.length), 0.5 * (z_hi - z_lo))
+        point = np.array(plane.centroid.coords)
+        # the centroid, unless it is outside or all but outside
+        if -self._planar_distance(point)[0] < 0.5 * circle.length:
+            point = np.array(circle.coords)
+        self.center: Array = np.array([*point[0], 0.5 * (z_lo + z_hi)])
+        self.height: Array = np.array([z_lo, z_hi])
+        self.bounds: Array = np.array(
+            [[*self.vertices.min(axis=0), z_lo], [*self.vertices.max(axis=0), z_hi]], dtype=np.float64
+        )
+        self._corners: dict[float, Array] = {}
+        for array in (self.vertices, self.bounds, self.height, self.center):
+            array.setflags(write=False)
+
+    def _planar_distance(self, points: Array) -> Array:
+        return np.asarray(polygon.signed_distance(points, self.vertices))
+
+    def signed_distance(self, points: ArrayLike) -> Array:
+        """See `Region`."""
+        p = np.asarray(points, dtype=np.float64)
+        planar = self._planar_distance(np.ascontiguousarray(p[..., :2]).reshape(-1, 2)).reshape(p.shape[:-1])
+        return _prism_distance(planar, p[..., 2], self.height)
+
+    def contains(self, points: ArrayLike) -> BoolArray:
+        """See `Region`."""
+        return np.asarray(self.signed_distance(points) <= 0.0)
+
+    def project(self, point: ArrayLike, margin_m: float = 0.0) -> Array:
+        """See `Region`."""
+        corners = self._corners.get(margin_m)
+        if corners is None:
+            corners = self._corners[margin_m] = polygon.erosion_corners(self.vertices, margin_m)
+        if len(corners) == 0 or 2.0 * margin_m > self.height[1] - self.height[0]:
+            check_margin(self.name, margin_m, min(self.inradius_m, margin_m * (1.0 - 1e-9)))
+        p = np.asarray(point, dtype=np.float64)
+        xy = polygon.nearest_in_erosion(p, self.vertices, margin_m, corners)
+        z = min(max(float(p[2]), self.height[0] + margin_m), self.height[1] - margin_m)
+        return np.array([xy[0], xy[1], z])
+
+    def footprint(self) -> Array:
+        """See `Region`."""
+        return self.vertices.copy()
+
+    def slab_outline(self, z_lo: float, z_hi: float) -> Array:
+        """See `Region`."""
+        return _slab(self, z_lo, z_hi)
+
+
+def _heights(name: str, z_m: ArrayLike) -> tuple[float, float]:
+    z_lo, z_hi = (float(z) for z in np.asarray(z_m, dtype=np.float64))
+    if not z_lo < z_hi:
+        raise WorldError(f"region '{name}': z_m [{z_lo:g}, {z_hi:g}] must be [lowest, highest], lowest first")
+    return z_lo, z_hi
+
+
+def _prism_distance(planar: Array, z: Array, height: Array) -> Array:
+    vertical = np.maximum(height[0] - z, z - height[1])
+    outside = np.hypot(np.maximum(planar, 0.0), np.maximum(vertical, 0.0))
+    return np.asarray(outside + np.minimum(np.maximum(planar, vertical), 0.0))
+
+
+def _simple_polygon(name: str, vertices: Array) -> Array:
+    if len(vertices) > 1 and np.array_equal(vertices[0], vertices[-1]):
+        vertices = vertices[:-1]
+    vertices = vertices[np.any(vertices != np.roll(vertices, 1, axis=0), axis=1)]
+    listed = f"region '{name}': vertices_m {vertices.tolist()}"
+    if len(vertices) < 3:
+        raise WorldError(f"{listed} are fewer than the three different points of a polygon")
+    plane = shapely.Polygon(vertices)
+    if not plane.is_valid:
+        raise WorldError(
+            f"{listed} cross or touch themselves ({shapely.is_valid_reason(plane)}); "
+            "list the corners in order around the border"
+        )
+    if not plane.area > 1e-12:
+        raise WorldError(f"{listed} enclose no area")
+    return np.ascontiguousarray(vertices if plane.exterior.is_ccw else vertices[::-1])
+
+
+def build_region(name: str, shape: Shape) -> Region:
+    """Region from settings.
+
+    Raises
+    ------
+    WorldError
+        When the shape has no interior; the message quotes the values.
+    """
+    match shape:
+        case Box():
+            return BoxRegion(name, shape.min_m, shape.max_m)
+        case Cylinder():
+            return CylinderRegion(name, shape.center_m, shape.radius_m, shape.z_m)
+        case Polytope():
+            return PolytopeRegion(name, shape.vertices_m)
+        case ExtrudedPolygon():
+            return PrismRegion(name, shape.vertices_m, shape.z_m)
+
+
+def overlaps(a: Region, b: Region) -> bool:
+    """Whether the interiors of two regions meet; regions that share less than a micrometre only touch.
+
+    Two polytopes: the largest ball in both (linear programme). Otherwise one of the two is upright, and the question is
+    planar: the outlines of the parts in the heights common to both.
+    """
+    z_lo, z_hi = max(a.height[0], b.height[0]), min(a.height[1], b.height[1])
+    if z_hi - z_lo <= TOUCHING_M:
+        return False
+    if isinstance(a, PolytopeRegion) and isinstance(b, PolytopeRegion):
+        return 2.0 * largest_ball(np.vstack([a.A, b.A]), np.append(a.b, b.b))[1] > TOUCHING_M
+    if isinstance(a, CylinderRegion) and isinstance(b, CylinderRegion):
+        gap = math.dist(a.center[:2], b.center[:2])
+        return gap < a.radius_m + b.radius_m - TOUCHING_M
+    if isinstance(b, CylinderRegion):
+        a, b = b, a
+    outline = b.slab_outline(z_lo, z_hi)
+    if isinstance(a, CylinderRegion):
+        if len(outline) == 0:
+            return False
+        return bool(polygon.signed_distance(a.center[None, :2], outline)[0] < a.radius_m - TOUCHING_M)
+    return _planar_overlap(a.slab_outline(z_lo, z_hi), outline)
+
+
+def _planar_overlap(a: Array, b: Array) -> bool:
+    if len(a) == 0 or len(b) == 0:
+        return False
+    common = shapely.intersection(shapely.Polygon(a), shapely.Polygon(b))
+    # a sliver of width w and length l has area w l and length of border 2 l
+    return bool(2.0 * common.area > TOUCHING_M * common.length)
