@@ -20,11 +20,17 @@ class WindSettings(Settings):
 
 
 class QuadrotorSettings(Settings):
-    """Rigid body, rotors and inner loop of one quadrotor (about 1 kg class by default)."""
+    """Rigid body, rotors and inner loop of one quadrotor (about 1 kg class by default).
+
+    The inner loop turns a velocity command into rotor speeds: ``velocity_gain_per_s`` and
+    ``velocity_integral_per_s2`` make an acceleration, ``attitude_hz`` and ``attitude_damping`` place the poles of
+    the attitude loop. ``height_m`` is the body's height for collisions.
+    """
 
     mass_kg: Positive = 1.0
     inertia_kgm2: Vector3 = (0.01, 0.01, 0.018)
     arm_m: Positive = 0.2
+    height_m: Positive = 0.1
     thrust_n_per_rad2ps2: Positive = 6.0e-6
     torque_nm_per_rad2ps2: Positive = 1.0e-7
     rotor_max_radps: Positive = 900.0
@@ -32,20 +38,33 @@ class QuadrotorSettings(Settings):
     drag_n_per_mps: Vector3 = (0.15, 0.15, 0.2)
     v_max_mps: Positive = 2.5
     a_max_mps2: Positive = 5.0
+    velocity_gain_per_s: Positive = 5.0
+    velocity_integral_per_s2: NonNegative = 3.0
+    feedforward_lag_s: NonNegative = 0.02
+    attitude_hz: Positive = 3.0
+    attitude_damping: Positive = 0.9
 
 
 class GimbalSettings(Settings):
-    """Three-axis gimbal that carries the camera."""
+    """Three-axis gimbal that carries the camera: yaw, pan and tilt joints, from the body outwards.
+
+    All angles zero looks straight down, the image's x axis along the body's x axis. ``pan_max_rad`` keeps the pan
+    joint away from its singularity at a right angle. ``offset_m`` is the optical centre in the body frame.
+    """
 
     rate_max_radps: Positive = 3.0
     lag_s: NonNegative = 0.02
+    pan_max_rad: Annotated[float, Field(gt=0, lt=1.5)] = 1.4
+    offset_m: Vector3 = (0.0, 0.0, -0.05)
 
 
 class PhysicsSettings(Settings):
     """Engine, rates and environment.
 
     ``actuation: quadrotor`` flies the rigid body with its inner loop; ``kinematic`` is the thesis' model
-    (4-1), (4-2): the camera moves as commanded plus a bounded disturbance of norm ``disturbance``.
+    (4-1), (4-2): the camera moves as commanded plus a bounded disturbance of norm ``disturbance`` (m/s for the
+    linear part, rad/s for the angular part). ``speed_limit_mps`` and ``range_limit_m`` (distance from the start)
+    are where a body counts as diverged.
     """
 
     backend: Literal["pybullet"] = "pybullet"
@@ -53,6 +72,8 @@ class PhysicsSettings(Settings):
     gravity_mps2: NonNegative = 9.81
     actuation: Literal["quadrotor", "kinematic"] = "quadrotor"
     disturbance: NonNegative = 0.02
+    speed_limit_mps: Positive = 50.0
+    range_limit_m: Positive = 5000.0
     wind: WindSettings = WindSettings()
     quadrotor: QuadrotorSettings = QuadrotorSettings()
     gimbal: GimbalSettings = GimbalSettings()

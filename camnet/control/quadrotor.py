@@ -1,0 +1,178 @@
+"""Quadrotor with a gimballed camera: inner loop, rotors, aerodynamics, gimbal. Readable NumPy version.
+
+One call is one physics step of every agent: velocity command -> acceleration -> attitude and thrust -> rotor
+speeds -> force and torque on the rigid body. The compiled twin is `camnet.control.quadrotor_kernel`.
+The attitude law is the geometric one of T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a
+quadrotor UAV on SE(3)", CDC 2010, eqs. (10)-(16), with the desired angular velocity left out: what the
+attitude fails to follow is part of the disturbance d of harris2020 (4-2), which the outer loop measures.
+
+| symbol | name | shape | unit |
+| --- | --- | --- | --- |
+| p, v | position of the centre of mass, velocity, world frame | (N,3) | m, m/s |
+| q, w | body to world; angular velocity in the body frame | (N,4), (N,3) | -, rad/s |
+| Omega | rotor speeds | (N,4) | rad/s |
+| a | commanded acceleration | (N,3) | m/s^2 |
+| f, T | commanded specific force times mass, its part along the rotors | (N,3), (N,) | N |
+| tau | torque in the body frame | (N,3) | N m |
+| theta | gimbal joint angles yaw, pan, tilt | (N,3) | rad |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camnet.control import gimbal
+from camnet.geometry.rotations import to_matrix
+from camnet.types import Array
+
+__all__ = ["Command", "Memory", "QuadrotorModel", "RigidState", "mixer", "step"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class QuadrotorModel:
+    """Constants of one kind of quadrotor and of its inner loop, in SI units (see `camnet.world.settings`)."""
+
+    dt_s: float
+    mass_kg: float
+    inertia_kgm2: Array
+    arm_m: float
+    thrust_coefficient: float
+    torque_coefficient: float
+    rotor_max_radps: float
+    motor_lag_s: float
+    drag_n_per_mps: Array
+    gravity_mps2: float
+    v_max_mps: float
+    a_max_mps2: float
+    velocity_gain_per_s: float
+    velocity_integral_per_s2: float
+    attitude_radps: float
+    attitude_damping: float
+    gimbal_rate_max_radps: float
+    gimbal_lag_s: float
+    gimbal_pan_max_rad: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RigidState:
+    """Pose and velocity of N bodies: ``p``, ``v`` and ``w_world`` in the world frame, ``q`` body to world."""
+
+    p: Array
+    q: Array
+    v: Array
+    w_world: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Memory:
+    """What rotors, gimbal and inner loop remember: ``rotor`` (N,4), ``theta``, ``theta_rate``, ``integral`` (N,3)."""
+
+    rotor: Array
+    theta: Array
+    theta_rate: Array
+    integral: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Command:
+    """Input of one step, all (N,3) but ``yaw`` (N,): camera velocity, its rate of change, heading, wind."""
+
+    v_world: Array
+    a_world: Array
+    w_cam: Array
+    yaw: Array
+    wind: Array
+
+
+def mixer(model: QuadrotorModel) -> Array:
+    """Matrix (4,4) from squared rotor speeds to ``[T, tau_x, tau_y, tau_z]``; X layout, neighbours counter-turn."""
+    k, c, d = model.thrust_coefficient, model.torque_coefficient, model.arm_m / np.sqrt(2.0)
+    x = d * np.array([1.0, -1.0, -1.0, 1.0])
+    y = d * np.array([1.0, 1.0, -1.0, -1.0])
+    spin = np.array([1.0, -1.0, 1.0, -1.0])
+    return np.stack([np.full(4, k), k * y, -k * x, c * spin])
+
+
+def _limit(vector: Array, largest: float) -> Array:
+    size = np.linalg.norm(vector, axis=1, keepdims=True)
+    return np.where(size > largest, vector * (largest / np.maximum(size, 1e-12)), vector)
+
+
+def _commanded_force(
+    model: QuadrotorModel, state: RigidState, memory: Memory, command: Command, r: Array
+) -> tuple[Array, Array]:
+    """Force f (N,3) that the rotors should make, and the velocity integral after the step."""
+    v_err = _limit(command.v_world, model.v_max_mps) - state.v
+    wanted = command.a_world + model.velocity_gain_per_s * v_err + memory.integral
+    a = _limit(wanted, model.a_max_mps2)
+    # the integral waits while the acceleration saturates
+    free = (np.linalg.norm(wanted, axis=1, keepdims=True) <= model.a_max_mps2).astype(float)
+    integral = memory.integral + model.dt_s * model.velocity_integral_per_s2 * v_err * free
+    still_air_drag = np.einsum("nij,j,nkj,nk->ni", r, model.drag_n_per_mps, r, state.v)
+    f = model.mass_kg * (a + np.array([0.0, 0.0, model.gravity_mps2])) + still_air_drag
+    f[:, 2] = np.maximum(f[:, 2], 0.3 * model.mass_kg * model.gravity_mps2)
+    return f, integral
+
+
+def _attitude_torque(model: QuadrotorModel, r: Array, r_desired: Array, w: Array) -> Array:
+    """Body torque (N,3) that turns R towards R_d."""
+    error = np.einsum("nji,njk->nik", r_desired, r)
+    e_r = 0.5 * np.stack(
+        [error[:, 2, 1] - error[:, 1, 2], error[:, 0, 2] - error[:, 2, 0], error[:, 1, 0] - error[:, 0, 1]],
+        axis=1,
+    )
+    k_r, k_w = model.attitude_radps**2, 2 * model.attitude_damping * model.attitude_radps
+    j = model.inertia_kgm2
+    return j * (-k_r * e_r - k_w * w) + np.cross(w, j * w)
+
+
+def _desired_attitude(f: Array, yaw: Array) -> Array:
+    """Rotation (N,3,3) whose z axis is along f and whose x axis heads to ``yaw``."""
+    b3 = f / np.linalg.norm(f, axis=1, keepdims=True)
+    heading = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=1)
+    b2 = np.cross(b3, heading)
+    b2 /= np.linalg.norm(b2, axis=1, keepdims=True)
+    return np.stack([np.cross(b2, b3), b2, b3], axis=2)
+
+
+def _lag(value: Array, goal: Array, dt_s: float, lag_s: float) -> Array:
+    """Exact step of ``lag_s * value' = goal - value``."""
+    return goal + (value - goal) * (np.exp(-dt_s / lag_s) if lag_s > 0 else 0.0)
+
+
+def step(
+    model: QuadrotorModel, state: RigidState, memory: Memory, command: Command
+) -> tuple[Array, Array, Memory]:
+    """One physics step of the actuators of N agents.
+
+    Returns the force (N,3) without gravity and the torque (N,3), both in the world frame, to be held on the
+    bodies during the step, and the actuators' memory after it.
+    """
+    r = to_matrix(state.q)
+    w = np.einsum("nji,nj->ni", r, state.w_world)
+    f, integral = _commanded_force(model, state, memory, command, r)
+    thrust = np.einsum("ni,ni->n", f, r[:, :, 2])
+    tau = _attitude_torque(model, r, _desired_attitude(f, command.yaw), w)
+    allocation = mixer(model)
+    wanted = np.linalg.solve(allocation, np.concatenate([thrust[:, None], tau], axis=1).T).T
+    rotor_command = np.sqrt(np.clip(wanted, 0.0, model.rotor_max_radps**2))
+    rotor = _lag(memory.rotor, rotor_command, model.dt_s, model.motor_lag_s)
+    made = rotor**2 @ allocation.T
+    air = np.einsum("nji,nj->ni", r, state.v - command.wind)
+    body_force = -model.drag_n_per_mps * air
+    body_force[:, 2] += made[:, 0]
+    force_world = np.einsum("nij,nj->ni", r, body_force)
+    torque_world = np.einsum("nij,nj->ni", r, made[:, 1:])
+    theta, rate = gimbal.step(
+        memory.theta,
+        memory.theta_rate,
+        command.w_cam,
+        w,
+        model.dt_s,
+        model.gimbal_rate_max_radps,
+        model.gimbal_lag_s,
+        model.gimbal_pan_max_rad,
+    )
+    return force_world, torque_world, Memory(rotor, theta, rate, integral)

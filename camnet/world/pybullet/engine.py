@@ -1,0 +1,127 @@
+"""One physics client: connection, parameters, and the few kinds of body that worlds are made of.
+
+The engine's quaternions are x y z w; everything else in camnet is w x y z, and the order changes here only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pybullet as pb
+
+from camnet.errors import WorldError
+from camnet.types import Array
+from camnet.world.pybullet.shapes import Solid
+from camnet.world.settings import PhysicsSettings
+
+__all__ = ["GROUND", "GROUND_MASK", "Engine", "xyzw"]
+
+#: name of the ground in collision pairs
+GROUND = "ground"
+#: collision group of the ground; sight lines leave it out
+GROUND_MASK = 2
+_SOLVER_ITERATIONS = 10
+_Color = tuple[float, float, float, float]
+
+
+def xyzw(q: Array) -> tuple[float, float, float, float]:
+    """Quaternion w x y z in the engine's order."""
+    w, x, y, z = q.tolist()
+    return (x, y, z, w)
+
+
+class Engine:
+    """A headless PyBullet client with fixed step, fixed solver iterations, no damping and no sleeping."""
+
+    def __init__(self, physics: PhysicsSettings) -> None:
+        self._physics = physics
+        self.client: int = pb.connect(pb.DIRECT)
+        if self.client < 0:
+            raise WorldError("PyBullet gave no physics client; too many worlds are open: close() some")
+        self.names: dict[int, str] = {}
+        self.restart()
+
+    def restart(self) -> None:
+        """Empty the client: nothing of an earlier run (contacts, warm starts) survives."""
+        c = self.client
+        pb.resetSimulation(physicsClientId=c)
+        gravity = self._physics.gravity_mps2 if self._physics.actuation == "quadrotor" else 0.0
+        pb.setGravity(0.0, 0.0, -gravity, physicsClientId=c)
+        pb.setPhysicsEngineParameter(
+            fixedTimeStep=1.0 / self._physics.step_hz,
+            numSolverIterations=_SOLVER_ITERATIONS,
+            numSubSteps=1,
+            deterministicOverlappingPairs=1,
+            physicsClientId=c,
+        )
+        self.names = {}
+
+    def add(
+        self, name: str, solid: Solid, p_world: Sequence[float], q: Array, color: _Color, mass_kg: float = 0.0
+    ) -> int:
+        """Create a body (mass 0: it stays where it is put) and return its number."""
+        c = self.client
+        shape = pb.createCollisionShape(**solid.collision, physicsClientId=c)
+        visual = pb.createVisualShape(
+            **solid.visual, rgbaColor=color, specularColor=(0.1, 0.1, 0.1), physicsClientId=c
+        )
+        if shape < 0 or visual < 0:
+            raise WorldError(f"PyBullet could not build the body {name!r} from {solid.collision}")
+        body: int = pb.createMultiBody(
+            mass_kg, shape, visual, basePosition=p_world, baseOrientation=xyzw(q), physicsClientId=c
+        )
+        self.names[body] = name
+        return body
+
+    def add_picture(self, solid: Solid, p_world: Sequence[float], q: Array, color: _Color) -> int:
+        """Create something that is only seen."""
+        c = self.client
+        visual = pb.createVisualShape(
+            **solid.visual, rgbaColor=color, specularColor=(0.0, 0.0, 0.0), physicsClientId=c
+        )
+        body: int = pb.createMultiBody(
+            0.0, -1, visual, basePosition=p_world, baseOrientation=xyzw(q), physicsClientId=c
+        )
+        return body
+
+    def make_free(self, body: int, mass_kg: float, inertia_kgm2: Sequence[float]) -> None:
+        """Give a body its mass properties and take away every artificial damping."""
+        pb.changeDynamics(
+            body,
+            -1,
+            mass=mass_kg,
+            localInertiaDiagonal=list(inertia_kgm2),
+            linearDamping=0.0,
+            angularDamping=0.0,
+            restitution=0.2,
+            maxJointVelocity=1e4,
+            activationState=pb.ACTIVATION_STATE_DISABLE_SLEEPING,
+            physicsClientId=self.client,
+        )
+
+    def add_ground(self) -> None:
+        """Create the plane z = 0."""
+        c = self.client
+        shape = pb.createCollisionShape(pb.GEOM_PLANE, physicsClientId=c)
+        body = pb.createMultiBody(0.0, shape, physicsClientId=c)
+        pb.setCollisionFilterGroupMask(body, -1, GROUND_MASK, -1, physicsClientId=c)
+        self.names[body] = GROUND
+
+    def place(self, body: int, p_world: Sequence[float], q_xyzw: Sequence[float]) -> None:
+        """Put a body somewhere; its velocity becomes zero."""
+        pb.resetBasePositionAndOrientation(body, p_world, q_xyzw, self.client)
+
+    def contacts(self) -> set[tuple[str, str]]:
+        """Pairs of names that touched in the last step."""
+        points = pb.getContactPoints(physicsClientId=self.client)
+        if not points:
+            return set()
+        # a reported point may still be at a distance: only touching counts
+        touching = ((self.names[x[1]], self.names[x[2]]) for x in points if x[8] <= 0.0)
+        return {(a, b) if a < b else (b, a) for a, b in touching}
+
+    def close(self) -> None:
+        """Disconnect."""
+        if self.client >= 0:
+            pb.disconnect(self.client)
+            self.client = -1

@@ -1,0 +1,123 @@
+"""Agents as rigid bodies in the engine: the inner loop makes forces and torques, the engine integrates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pybullet as pb
+
+from camnet.control.quadrotor import QuadrotorModel
+from camnet.control.quadrotor_kernel import pack_model, step_packed
+from camnet.types import Array
+from camnet.world.protocol import CameraCommand
+from camnet.world.pybullet.engine import Engine, xyzw
+from camnet.world.settings import PhysicsSettings, WindSettings
+
+__all__ = ["Flight", "model_from_settings"]
+
+
+def model_from_settings(physics: PhysicsSettings) -> QuadrotorModel:
+    """Constants of the inner loop."""
+    q, g = physics.quadrotor, physics.gimbal
+    return QuadrotorModel(
+        dt_s=1.0 / physics.step_hz,
+        mass_kg=q.mass_kg,
+        inertia_kgm2=np.array(q.inertia_kgm2),
+        arm_m=q.arm_m,
+        thrust_coefficient=q.thrust_n_per_rad2ps2,
+        torque_coefficient=q.torque_nm_per_rad2ps2,
+        rotor_max_radps=q.rotor_max_radps,
+        motor_lag_s=q.motor_lag_s,
+        drag_n_per_mps=np.array(q.drag_n_per_mps),
+        gravity_mps2=physics.gravity_mps2,
+        v_max_mps=q.v_max_mps,
+        a_max_mps2=q.a_max_mps2,
+        velocity_gain_per_s=q.velocity_gain_per_s,
+        velocity_integral_per_s2=q.velocity_integral_per_s2,
+        attitude_radps=2.0 * np.pi * q.attitude_hz,
+        attitude_damping=q.attitude_damping,
+        gimbal_rate_max_radps=g.rate_max_radps,
+        gimbal_lag_s=g.lag_s,
+        gimbal_pan_max_rad=g.pan_max_rad,
+    )
+
+
+class Flight:
+    """The full rigid-body actuation of N agents.
+
+    ``bodies`` (N,13) and ``memory`` (N,13) are the packed state of `camnet.control.quadrotor_kernel`.
+    """
+
+    def __init__(self, engine: Engine, physics: PhysicsSettings, control_dt_s: float) -> None:
+        self._engine = engine
+        self._physics = physics
+        self._model = model_from_settings(physics)
+        self._constants = pack_model(self._model)
+        self._control_dt_s = control_dt_s
+        self._numbers: list[int] = []
+
+    def reset(
+        self, numbers: list[int], p_world: Array, yaw: Array, q: Array, rng: np.random.Generator
+    ) -> None:
+        """Start at rest in hover at ``p_world`` (N,3), orientation ``q`` (N,4), rotors at hover speed."""
+        n = len(numbers)
+        self._numbers, self._rng = numbers, rng
+        for i, number in enumerate(numbers):
+            self._engine.make_free(number, self._model.mass_kg, self._model.inertia_kgm2.tolist())
+            self._engine.place(number, p_world[i].tolist(), xyzw(q[i]))
+            pb.resetBaseVelocity(number, (0, 0, 0), (0, 0, 0), self._engine.client)
+        self.memory = np.zeros((n, 13))
+        lift = self._model.mass_kg * self._model.gravity_mps2 / 4.0
+        self.memory[:, :4] = np.sqrt(lift / self._model.thrust_coefficient)
+        self._command, self._wrench = np.zeros((n, 13)), np.zeros((n, 6))
+        self._command[:, 9] = yaw
+        self._gust = np.zeros((n, 3))
+        wind = self._physics.wind
+        if wind.gust_std_mps > 0:
+            self._gust = rng.normal(scale=wind.gust_std_mps, size=(n, 3))
+        self._read()
+
+    def _read(self) -> None:
+        c, position, velocity = self._engine.client, pb.getBasePositionAndOrientation, pb.getBaseVelocity
+        rows = []
+        for b in self._numbers:
+            p, q = position(b, c)
+            v, w = velocity(b, c)
+            rows.append((*p, *q, *v, *w))
+        self.bodies = np.array(rows).reshape(len(rows), 13)
+
+    def _prepare(self, command: CameraCommand) -> None:
+        """Hold the command, its rate of change and the wind for one control period."""
+        held, quad = self._command, self._physics.quadrotor
+        dt, lag = self._control_dt_s, quad.feedforward_lag_s
+        change = (command.v_world - held[:, :3]) / dt
+        size = np.sqrt(np.einsum("ni,ni->n", change, change))[:, None]
+        change *= np.minimum(1.0, quad.a_max_mps2 / np.maximum(size, 1e-12))
+        held[:, 3:6] = change + (held[:, 3:6] - change) * (np.exp(-dt / lag) if lag > 0 else 0.0)
+        held[:, :3] = command.v_world
+        held[:, 6:9] = command.w_cam
+        held[:, 10:13] = self._wind(self._physics.wind, dt)
+
+    def _wind(self, wind: WindSettings, dt: float) -> Array:
+        """Mean wind plus a first-order Gauss-Markov gust of each agent, (N,3)."""
+        if wind.gust_std_mps > 0:
+            decay = np.exp(-dt / wind.gust_time_s)
+            noise = self._rng.normal(scale=wind.gust_std_mps, size=self._gust.shape)
+            self._gust = decay * self._gust + np.sqrt(1.0 - decay * decay) * noise
+        return np.asarray(self._gust + np.array(wind.mean_mps))
+
+    def step(self, command: CameraCommand, substeps: int) -> set[tuple[str, str]]:
+        """Fly for one control period; returns the pairs of names that touched."""
+        self._prepare(command)
+        c, world_frame = self._engine.client, pb.WORLD_FRAME
+        push, twist, advance = pb.applyExternalForce, pb.applyExternalTorque, pb.stepSimulation
+        touched: set[tuple[str, str]] = set()
+        for _ in range(substeps):
+            step_packed(self.bodies, self.memory, self._command, self._constants, self._wrench)
+            wrenches, points = self._wrench.tolist(), self.bodies[:, :3].tolist()
+            for body, wrench, point in zip(self._numbers, wrenches, points, strict=True):
+                push(body, -1, wrench[:3], point, world_frame, c)
+                twist(body, -1, wrench[3:], world_frame, c)
+            advance(c)
+            touched |= self._engine.contacts()
+            self._read()
+        return touched

@@ -1,0 +1,107 @@
+"""Building the bodies of a world: occluders, agents, targets, ground, roads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camnet.geometry.rotations import IDENTITY, from_yaw
+from camnet.types import Array
+from camnet.world.description import WorldDescription
+from camnet.world.pybullet.engine import Engine
+from camnet.world.pybullet.shapes import box, cylinder, pieces
+
+__all__ = ["TARGET_COLORS", "Scene", "build_scene"]
+
+#: colours of targets in turn, RGBA
+TARGET_COLORS = ((0.85, 0.1, 0.1, 1.0), (0.1, 0.25, 0.85, 1.0), (0.75, 0.1, 0.75, 1.0), (0.9, 0.6, 0.0, 1.0))
+_GROUND_COLOR = (0.62, 0.68, 0.58, 1.0)
+_ROAD_COLOR = (0.35, 0.35, 0.38, 1.0)
+_OCCLUDER_COLOR = (0.55, 0.5, 0.45, 1.0)
+_AGENT_COLOR = (0.15, 0.15, 0.18, 1.0)
+_ROAD_PIECES_MAX = 800
+#: longest edge of a ground tile, m, and how many tiles an edge may have
+_TILE_M, _TILES_MAX = 10.0, 12
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """Body numbers of agents (N) and targets (M)."""
+
+    agents: list[int]
+    targets: list[int]
+
+
+def _extent(description: WorldDescription) -> tuple[Array, Array]:
+    """Corner points (2,), (2,) of the ground to draw."""
+    points = [a.start_p_world[:2] for a in description.agents] + [c.p_world[:2] for c in description.cameras]
+    points += [np.array(p) for road in description.roads for p in road.points_m]
+    cloud = np.array(points) if points else np.zeros((1, 2))
+    return cloud.min(axis=0) - 15.0, cloud.max(axis=0) + 15.0
+
+
+def _draw_ground(engine: Engine, description: WorldDescription) -> None:
+    """Ground in tiles of two shades: the software renderer shades large triangles badly."""
+    low, high = _extent(description)
+    count = np.clip(np.ceil((high - low) / _TILE_M), 1, _TILES_MAX).astype(int)
+    tile = (high - low) / count
+    for i in range(count[0]):
+        for j in range(count[1]):
+            center = low + tile * (np.array([i, j]) + 0.5)
+            shade = 1.0 if (i + j) % 2 else 0.94
+            r, g, b, a = _GROUND_COLOR
+            slab = box(np.array([*tile, 0.02]), IDENTITY[:3])
+            engine.add_picture(
+                slab, (*center.tolist(), -0.012), IDENTITY, (r * shade, g * shade, b * shade, a)
+            )
+
+
+def _draw_roads(engine: Engine, description: WorldDescription) -> None:
+    drawn = 0
+    for road in description.roads:
+        points = np.array(road.points_m)
+        ends = np.roll(points, -1, axis=0) if road.closed else points[1:]
+        for a, b in zip(points[: len(ends)], ends, strict=True):
+            if drawn == _ROAD_PIECES_MAX:
+                return
+            along = b - a
+            length = float(np.hypot(*along))
+            strip = box(np.array([length + 0.1 * road.width_m, road.width_m, 0.004]), IDENTITY[:3])
+            middle = (*(0.5 * (a + b)).tolist(), 0.0)
+            engine.add_picture(strip, middle, from_yaw(np.arctan2(along[1], along[0])), _ROAD_COLOR)
+            drawn += 1
+
+
+def build_scene(engine: Engine, description: WorldDescription) -> Scene:
+    """Create every body; moving ones wait at the origin far below until they are placed."""
+    waiting = (0.0, 0.0, -100.0)
+    engine.add_ground()
+    for occluder in description.occluders:
+        for solid in pieces(occluder.shape, occluder.name):
+            engine.add(occluder.name, solid, solid.origin.tolist(), IDENTITY, _OCCLUDER_COLOR)
+    quad = description.physics.quadrotor
+    agents = [
+        engine.add(
+            agent.name,
+            cylinder(quad.arm_m, quad.height_m, np.zeros(3)),
+            (10.0 * k, 0.0, -100.0),
+            IDENTITY,
+            _AGENT_COLOR,
+            quad.mass_kg,
+        )
+        for k, agent in enumerate(description.agents)
+    ]
+    targets = [
+        engine.add(
+            target.name,
+            box(np.array(target.size_m), np.zeros(3), lift=0.5 * target.size_m[2]),
+            waiting,
+            IDENTITY,
+            TARGET_COLORS[k % len(TARGET_COLORS)],
+        )
+        for k, target in enumerate(description.targets)
+    ]
+    _draw_ground(engine, description)
+    _draw_roads(engine, description)
+    return Scene(agents, targets)

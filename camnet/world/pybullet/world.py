@@ -1,0 +1,210 @@
+"""`PyBulletWorld`: the protocol of `camnet.world.protocol` on PyBullet. Composition only; the parts are beside it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pybullet as pb
+from numpy.typing import NDArray
+
+from camnet.control.camera_kernel import camera_motion
+from camnet.errors import SimulationError, WorldError
+from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
+from camnet.types import Array, BoolArray, Snapshot
+from camnet.world.description import WorldDescription
+from camnet.world.protocol import CameraCommand
+from camnet.world.pybullet.engine import Engine, xyzw
+from camnet.world.pybullet.flight import Flight
+from camnet.world.pybullet.kinematic import KinematicMotion
+from camnet.world.pybullet.picture import picture, projection_matrix, view_matrix
+from camnet.world.pybullet.scene import build_scene
+from camnet.world.pybullet.sight import rays_clear
+
+if TYPE_CHECKING:
+    from camnet.motion.protocol import TargetState
+
+__all__ = ["PyBulletWorld"]
+
+
+def _stack(rows: list[Array], width: int) -> Array:
+    return np.array(rows, dtype=float).reshape(len(rows), width)
+
+
+class PyBulletWorld:
+    """A world simulated by PyBullet; see `camnet.world.protocol.World` for the contract.
+
+    Parameters
+    ----------
+    description : what the world is made of
+    """
+
+    def __init__(self, description: WorldDescription) -> None:
+        d = self.description = description
+        self.agent_names = tuple(a.name for a in d.agents)
+        self.camera_names = self.agent_names + tuple(c.name for c in d.cameras)
+        self.target_names = tuple(t.name for t in d.targets)
+        self.control_dt_s = d.substeps / d.physics.step_hz
+        self._models = [a.camera for a in d.agents] + [c.camera for c in d.cameras]
+        self._fixed_p = _stack([c.p_world for c in d.cameras], 3)
+        self._fixed_q = _stack([c.q_world for c in d.cameras], 4)
+        self._offset = np.array(d.physics.gimbal.offset_m)
+        self._yaw = np.array([a.start_yaw_rad for a in d.agents])
+        self._body_q = from_yaw(self._yaw).reshape(len(d.agents), 4)
+        self._camera_p = _stack([a.start_p_world for a in d.agents], 3)
+        self._start_p = self._camera_p - rotate(
+            self._body_q, np.broadcast_to(self._offset, self._camera_p.shape)
+        )
+        quad = d.physics.quadrotor
+        self._agent_radius = float(np.hypot(quad.arm_m, quad.height_m / 2) + 1e-3)
+        self._engine = Engine(d.physics)
+        self._flight = Flight(self._engine, d.physics, self.control_dt_s)
+        self._kinematic = KinematicMotion(self._engine, d.physics)
+        self._is_kinematic = d.physics.actuation == "kinematic"
+        self._snapshot: Snapshot | None = None
+
+    def reset(self, rng: np.random.Generator) -> Snapshot:
+        """Put everything at its start; see the protocol."""
+        self._check_open()
+        self._engine.restart()
+        self._scene = build_scene(self._engine, self.description)
+        air_rng, *target_rngs = rng.spawn(1 + len(self.target_names))
+        self._target_rngs = target_rngs
+        motions = (t.motion for t in self.description.targets)
+        self._targets: list[TargetState] = [m.reset(g) for m, g in zip(motions, target_rngs, strict=True)]
+        self._step, self._t_s = 0, 0.0
+        if self._is_kinematic:
+            camera_q = multiply(self._body_q, STRAIGHT_DOWN).reshape(-1, 4)
+            start = (self._start_p, self._body_q, self._camera_p, camera_q, air_rng)
+            self._kinematic.reset(self._scene.agents, *start)
+        else:
+            self._flight.reset(self._scene.agents, self._start_p, self._yaw, self._body_q, air_rng)
+        self._place_targets()
+        return self._observe(())
+
+    def step(self, command: CameraCommand) -> Snapshot:
+        """Advance by one control period; see the protocol."""
+        self._check_command(command)
+        self._move_targets()
+        substeps = self.description.substeps
+        actuation = self._kinematic if self._is_kinematic else self._flight
+        touched = actuation.step(command, substeps)
+        self._step += substeps
+        self._t_s = self._step / self.description.physics.step_hz
+        self._check_state(actuation.bodies)
+        return self._observe(tuple(sorted(touched)))
+
+    def _check_open(self) -> None:
+        if self._engine.client < 0:
+            raise WorldError("this world is closed; build a new one")
+
+    def _check_command(self, command: CameraCommand) -> None:
+        shape = (len(self.agent_names), 3)
+        for name, value in (("v_world", command.v_world), ("w_cam", command.w_cam)):
+            if value.shape != shape:
+                raise WorldError(f"command.{name} has shape {value.shape}, should be {shape}")
+            if not np.isfinite(value).all():
+                body = self.agent_names[int(np.nonzero(~np.isfinite(value))[0][0])]
+                raise SimulationError(
+                    f"step {self._step}: command.{name} of agent {body!r} is not finite: {value}"
+                )
+
+    def _check_state(self, bodies: Array) -> None:
+        """Raise when a body is not finite, too fast or too far; one cheap test while all is well."""
+        limits = self.description.physics
+        distance, speed = np.abs(bodies[:, :3] - self._start_p), np.abs(bodies[:, 7:10])
+        good = (distance < limits.range_limit_m) & (speed < limits.speed_limit_mps)
+        if good.all() and np.isfinite(bodies).all():
+            return
+        bad = ~(good.all(axis=1) & np.isfinite(bodies).all(axis=1))
+        k = int(np.nonzero(bad)[0][0])
+        raise SimulationError(
+            f"step {self._step}: agent {self.agent_names[k]!r} diverged: position {bodies[k, :3]} m, "
+            f"velocity {bodies[k, 7:10]} m/s (limits: {limits.range_limit_m:g} m from the start, "
+            f"{limits.speed_limit_mps:g} m/s)"
+        )
+
+    def _move_targets(self) -> None:
+        dt, t = self.control_dt_s, self._t_s
+        for k, target in enumerate(self.description.targets):
+            state = target.motion.step(self._targets[k], t, dt, self._target_rngs[k])
+            self._targets[k] = state
+            if not (np.isfinite(state.p_world).all() and np.isfinite(state.q_world).all()):
+                raise SimulationError(
+                    f"step {self._step}: pose of target {target.name!r} is not finite: {state.p_world}"
+                )
+        self._place_targets()
+
+    def _place_targets(self) -> None:
+        for number, state in zip(self._scene.targets, self._targets, strict=True):
+            self._engine.place(number, state.p_world.tolist(), xyzw(state.q_world))
+
+    def _cameras(self) -> Array:
+        """Pose and velocity (N,13) of the agents' cameras."""
+        if self._is_kinematic:
+            return self._kinematic.camera
+        return np.asarray(camera_motion(self._flight.bodies, self._flight.memory, self._offset))
+
+    def _observe(self, collisions: tuple[tuple[str, str], ...]) -> Snapshot:
+        bodies = (self._kinematic if self._is_kinematic else self._flight).bodies
+        cameras, fixed = self._cameras(), np.zeros((len(self._fixed_p), 3))
+        q_body = np.roll(bodies[:, 3:7], 1, axis=1)
+        states = self._targets
+        self._snapshot = Snapshot(
+            t_s=self._t_s,
+            step=self._step,
+            agent_p_world=bodies[:, :3].copy(),
+            agent_q_world=q_body,
+            agent_v_world=bodies[:, 7:10].copy(),
+            agent_w_body=rotate(q_body * np.array([1.0, -1.0, -1.0, -1.0]), bodies[:, 10:13]),
+            camera_p_world=np.concatenate([cameras[:, :3], self._fixed_p]),
+            camera_q_world=np.concatenate([cameras[:, 3:7], self._fixed_q]),
+            camera_v_world=np.concatenate([cameras[:, 7:10], fixed]),
+            camera_w_cam=np.concatenate([cameras[:, 10:13], fixed]),
+            target_p_world=_stack([s.p_world for s in states], 3),
+            target_q_world=_stack([s.q_world for s in states], 4),
+            target_v_world=_stack([s.v_world for s in states], 3),
+            target_w_body=_stack([s.w_body for s in states], 3),
+            collisions=collisions,
+        )
+        self._boxes_fresh = False
+        return self._snapshot
+
+    def _current(self) -> Snapshot:
+        if self._snapshot is None:
+            raise WorldError("reset() the world before using it")
+        return self._snapshot
+
+    def rays_clear(self, origins: Array, points: Array) -> BoolArray:
+        """Tell which sight lines nothing blocks; see the protocol."""
+        now = self._current()
+        if not self._boxes_fresh:  # the engine's bounding boxes lag one step behind the poses
+            pb.performCollisionDetection(physicsClientId=self._engine.client)
+            self._boxes_fresh = True
+        sizes = (t.size_m for t in self.description.targets)
+        poses = zip(now.target_p_world, now.target_q_world, sizes, strict=True)
+        targets = dict(zip(self._scene.targets, poses, strict=True))
+        return rays_clear(self._engine, origins, points, now.agent_p_world, self._agent_radius, targets)
+
+    def render(self, camera: int, width: int, height: int) -> NDArray[np.uint8]:
+        """Picture that a camera sees; see the protocol. An agent does not see itself."""
+        now, model = self._current(), self._models[camera]
+        near = model.near_m
+        if camera < len(self.agent_names):
+            near = max(near, self._agent_radius + float(np.linalg.norm(self._offset)))
+        view = view_matrix(now.camera_p_world[camera], now.camera_q_world[camera])
+        projection = projection_matrix(model.intrinsics, near, max(3.0 * model.far_m, 2.0 * near))
+        return picture(self._engine, view, projection, width, height)
+
+    def set_state(self, snapshot: Snapshot) -> None:
+        """Pose every body as in ``snapshot``; see the protocol."""
+        self._current()
+        for k, number in enumerate(self._scene.agents):
+            self._engine.place(number, snapshot.agent_p_world[k].tolist(), xyzw(snapshot.agent_q_world[k]))
+        for k, number in enumerate(self._scene.targets):
+            self._engine.place(number, snapshot.target_p_world[k].tolist(), xyzw(snapshot.target_q_world[k]))
+        self._snapshot, self._boxes_fresh = snapshot, False
+
+    def close(self) -> None:
+        """Free the engine; see the protocol."""
+        self._engine.close()
