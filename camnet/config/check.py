@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from camnet.config.check_geometry import check_geometry
 from camnet.config.diagnose import Problem, raise_problems, show
 from camnet.config.models import Scenario
 from camnet.config.yaml_nodes import FieldPath, Node
@@ -26,9 +27,13 @@ def check_scenario(scenario: Scenario, root: Node) -> Scenario:
     ------
     ConfigError
         Names that refer to nothing, numbers out of order, files that are not there; one line for every problem.
+    WorldError
+        Regions that overlap, agents outside of theirs.
+    DataError
+        A recorded track that cannot be read.
     """
     raise_problems([*_names(scenario), *_references(scenario), *_numbers(scenario)], root)
-    return scenario
+    return check_geometry(scenario, root)
 
 
 def _names(scenario: Scenario) -> Iterator[Problem]:
@@ -45,6 +50,17 @@ def _names(scenario: Scenario) -> Iterator[Problem]:
                     path, show(item.name), f"the name of {section}[{seen[item.name]}] too: names are unique"
                 )
             seen.setdefault(item.name, index)
+    yield from _body_names(scenario)
+
+
+def _body_names(scenario: Scenario) -> Iterator[Problem]:
+    """Names of bodies differ across sections too: collisions and views are reported by name alone."""
+    owner: dict[str, str] = {}
+    for section in ("agents", "fixed_cameras", "occluders", "targets"):
+        for index, item in enumerate(getattr(scenario, section)):
+            if owner.setdefault(item.name, section) != section:
+                advice = f"also a name in {owner[item.name]}: bodies need different names"
+                yield Problem((section, index, "name"), show(item.name), advice)
 
 
 _NAME_ADVICE = "a name is letters, digits, _ and -, and begins with a letter or digit"
