@@ -8,12 +8,21 @@ __all__ = ["CertificateSettings"]
 
 
 class CertificateSettings(Settings):
-    """Bounds assumed by the dwell-time conditions (spec 02, 03).
+    """Bounds assumed by the dwell-time conditions (harris2020, sections 3.2 and 4.3).
 
-    ``v_lo`` is the Lyapunov level the error must fall below while observed (``None``: from the noise floor).
+    ``eps_bar`` bounds the residual of the motion model. ``etadot_max`` bounds the rate of the target's pose;
+    ``None``: from the target's ``v_max`` and ``w_max``. ``v_lo`` is the Lyapunov level that the error must fall
+    below while observed; ``None``: the geometric mean of the floor of the error and the upper level.
+    ``working_range_m`` is the distance at which targets are watched; ``None``: the middle of the camera's range.
+    ``sigma_bar`` bounds the norm of the basis; ``None``: from the spacing and width of its kernels.
+    ``weight_bound`` bounds the norm of the ideal weights; ``None``: the estimator's projection radius.
+    ``initial_error_m`` is the position error allowed when the target leaves; ``None``: sqrt(2 v_lo).
     """
 
     eps_bar: NonNegative = 0.01
     etadot_max: Positive | None = None
     v_lo: Positive | None = None
     working_range_m: Positive | None = None
+    sigma_bar: Positive | None = None
+    weight_bound: Positive | None = None
+    initial_error_m: NonNegative | None = None
