@@ -10,7 +10,7 @@ from numba import njit
 from camnet.geometry.rotations_compiled import multiply, rotate, rotate_inverse
 from camnet.types import Array
 
-__all__ = ["camera_motion"]
+__all__ = ["body_motion", "camera_motion"]
 
 
 @njit(cache=True)
@@ -51,4 +51,17 @@ def camera_motion(bodies: Array, memory: Array, offset_body: Array) -> Array:
         out[n, 12] = carried[2] - s2 * rate[1] - c2 * c1 * rate[0]
         for i in range(3):
             out[n, i] = body[i] + arm[i]
+    return out
+
+
+@njit(cache=True)
+def body_motion(bodies: Array) -> Array:
+    """Bodies (N,13): p, q (scalar first), v in the world frame, w in the body frame, from the engine's packing."""
+    out = np.empty((bodies.shape[0], 13))
+    for n in range(bodies.shape[0]):
+        body = bodies[n]
+        out[n, 0:3] = body[0:3]
+        out[n, 3], out[n, 4:7] = body[6], body[3:6]
+        out[n, 7:10] = body[7:10]
+        out[n, 10:13] = rotate_inverse(out[n, 3:7], body[10:13])
     return out

@@ -19,7 +19,7 @@ from numba import njit
 from camnet.control.quadrotor import QuadrotorModel
 from camnet.types import Array
 
-__all__ = ["MEMORY", "pack_model", "step_packed"]
+__all__ = ["MEMORY", "hold_command", "pack_model", "step_packed"]
 
 #: columns of ``memory``
 MEMORY = {"rotor": slice(0, 4), "theta": slice(4, 7), "theta_rate": slice(7, 10), "integral": slice(10, 13)}
@@ -36,6 +36,25 @@ def pack_model(model: QuadrotorModel) -> Array:
     scalars += [m.attitude_radps**2, 2 * m.attitude_damping * m.attitude_radps]
     scalars += [m.gimbal_rate_max_radps, gimbal_decay, m.gimbal_pan_max_rad]
     return np.array(scalars)
+
+
+@njit(cache=True)
+def hold_command(
+    command: Array, v_world: Array, w_cam: Array, wind: Array, dt_s: float, a_max: float, decay: float
+) -> None:
+    """Write a new camera command into ``command`` (N,13) for one control period of ``dt_s``.
+
+    The rate of change of the velocity command, at most ``a_max`` and behind a first-order lag of ``decay`` per
+    period, goes to the inner loop as feedforward.
+    """
+    for n in range(command.shape[0]):
+        row = command[n]
+        change = (v_world[n] - row[0:3]) / dt_s
+        size = _norm3(change[0], change[1], change[2])
+        scale = a_max / size if size > a_max else 1.0
+        for i in range(3):
+            row[3 + i] = scale * change[i] + (row[3 + i] - scale * change[i]) * decay
+            row[i], row[6 + i], row[10 + i] = v_world[n, i], w_cam[n, i], wind[n, i]
 
 
 @njit(cache=True)

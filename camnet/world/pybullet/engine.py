@@ -18,8 +18,9 @@ __all__ = ["GROUND", "GROUND_MASK", "Engine", "xyzw"]
 
 #: name of the ground in collision pairs
 GROUND = "ground"
-#: collision group of the ground; sight lines leave it out
-GROUND_MASK = 2
+#: collision groups: what flies meets everything; what stands or is driven meets only what flies; sight lines
+#: leave the ground out
+_FLYING, GROUND_MASK, _STANDING = 1, 2, 4
 _SOLVER_ITERATIONS = 10
 _Color = tuple[float, float, float, float]
 
@@ -70,19 +71,18 @@ class Engine:
         body: int = pb.createMultiBody(
             mass_kg, shape, visual, basePosition=p_world, baseOrientation=xyzw(q), physicsClientId=c
         )
+        group, meets = (_FLYING, -1) if mass_kg > 0 else (_STANDING, _FLYING)
+        pb.setCollisionFilterGroupMask(body, -1, group, meets, physicsClientId=c)
         self.names[body] = name
         return body
 
-    def add_picture(self, solid: Solid, p_world: Sequence[float], q: Array, color: _Color) -> int:
+    def add_picture(self, solid: Solid, color: _Color) -> None:
         """Create something that is only seen."""
         c = self.client
         visual = pb.createVisualShape(
             **solid.visual, rgbaColor=color, specularColor=(0.0, 0.0, 0.0), physicsClientId=c
         )
-        body: int = pb.createMultiBody(
-            0.0, -1, visual, basePosition=p_world, baseOrientation=xyzw(q), physicsClientId=c
-        )
-        return body
+        pb.createMultiBody(0.0, -1, visual, physicsClientId=c)
 
     def make_free(self, body: int, mass_kg: float, inertia_kgm2: Sequence[float]) -> None:
         """Give a body its mass properties and take away every artificial damping."""
@@ -103,8 +103,15 @@ class Engine:
         """Create the plane z = 0."""
         c = self.client
         shape = pb.createCollisionShape(pb.GEOM_PLANE, physicsClientId=c)
-        body = pb.createMultiBody(0.0, shape, physicsClientId=c)
-        pb.setCollisionFilterGroupMask(body, -1, GROUND_MASK, -1, physicsClientId=c)
+        # without a visual shape of its own the engine draws a chequered plane over ours
+        unseen = pb.createVisualShape(
+            pb.GEOM_BOX,
+            halfExtents=[0.1, 0.1, 0.1],
+            visualFramePosition=[0.0, 0.0, -200.0],
+            physicsClientId=c,
+        )
+        body = pb.createMultiBody(0.0, shape, unseen, physicsClientId=c)
+        pb.setCollisionFilterGroupMask(body, -1, GROUND_MASK, _FLYING, physicsClientId=c)
         self.names[body] = GROUND
 
     def place(self, body: int, p_world: Sequence[float], q_xyzw: Sequence[float]) -> None:

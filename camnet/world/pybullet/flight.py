@@ -6,7 +6,7 @@ import numpy as np
 import pybullet as pb
 
 from camnet.control.quadrotor import QuadrotorModel
-from camnet.control.quadrotor_kernel import pack_model, step_packed
+from camnet.control.quadrotor_kernel import hold_command, pack_model, step_packed
 from camnet.types import Array
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
@@ -53,6 +53,8 @@ class Flight:
         self._model = model_from_settings(physics)
         self._constants = pack_model(self._model)
         self._control_dt_s = control_dt_s
+        lag = physics.quadrotor.feedforward_lag_s
+        self._feedforward_decay = float(np.exp(-control_dt_s / lag)) if lag > 0 else 0.0
         self._numbers: list[int] = []
 
     def reset(
@@ -72,6 +74,7 @@ class Flight:
         self._command[:, 9] = yaw
         self._gust = np.zeros((n, 3))
         wind = self._physics.wind
+        self._mean_wind = np.tile(np.array(wind.mean_mps), (n, 1))
         if wind.gust_std_mps > 0:
             self._gust = rng.normal(scale=wind.gust_std_mps, size=(n, 3))
         self._read()
@@ -87,23 +90,19 @@ class Flight:
 
     def _prepare(self, command: CameraCommand) -> None:
         """Hold the command, its rate of change and the wind for one control period."""
-        held, quad = self._command, self._physics.quadrotor
-        dt, lag = self._control_dt_s, quad.feedforward_lag_s
-        change = (command.v_world - held[:, :3]) / dt
-        size = np.sqrt(np.einsum("ni,ni->n", change, change))[:, None]
-        change *= np.minimum(1.0, quad.a_max_mps2 / np.maximum(size, 1e-12))
-        held[:, 3:6] = change + (held[:, 3:6] - change) * (np.exp(-dt / lag) if lag > 0 else 0.0)
-        held[:, :3] = command.v_world
-        held[:, 6:9] = command.w_cam
-        held[:, 10:13] = self._wind(self._physics.wind, dt)
+        wind = self._wind(self._physics.wind, self._control_dt_s)
+        limit = self._model.a_max_mps2
+        held = (command.v_world, command.w_cam, wind, self._control_dt_s, limit, self._feedforward_decay)
+        hold_command(self._command, *held)
 
     def _wind(self, wind: WindSettings, dt: float) -> Array:
         """Mean wind plus a first-order Gauss-Markov gust of each agent, (N,3)."""
-        if wind.gust_std_mps > 0:
-            decay = np.exp(-dt / wind.gust_time_s)
-            noise = self._rng.normal(scale=wind.gust_std_mps, size=self._gust.shape)
-            self._gust = decay * self._gust + np.sqrt(1.0 - decay * decay) * noise
-        return np.asarray(self._gust + np.array(wind.mean_mps))
+        if wind.gust_std_mps == 0:
+            return self._mean_wind
+        decay = np.exp(-dt / wind.gust_time_s)
+        noise = self._rng.normal(scale=wind.gust_std_mps, size=self._gust.shape)
+        self._gust = decay * self._gust + np.sqrt(1.0 - decay * decay) * noise
+        return self._mean_wind + self._gust
 
     def step(self, command: CameraCommand, substeps: int) -> set[tuple[str, str]]:
         """Fly for one control period; returns the pairs of names that touched."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camnet.geometry.rotations import IDENTITY, from_yaw
+from camnet.geometry.rotations import IDENTITY
 from camnet.types import Array
 from camnet.world.description import WorldDescription
 from camnet.world.pybullet.engine import Engine
-from camnet.world.pybullet.shapes import box, cylinder, pieces
+from camnet.world.pybullet.shapes import box, cylinder, pieces, sheet
 
 __all__ = ["TARGET_COLORS", "Scene", "build_scene"]
 
@@ -20,7 +20,8 @@ _GROUND_COLOR = (0.62, 0.68, 0.58, 1.0)
 _ROAD_COLOR = (0.35, 0.35, 0.38, 1.0)
 _OCCLUDER_COLOR = (0.55, 0.5, 0.45, 1.0)
 _AGENT_COLOR = (0.15, 0.15, 0.18, 1.0)
-_ROAD_PIECES_MAX = 800
+#: quadrilaterals in one mesh
+_QUADS_MAX = 2000
 #: longest edge of a ground tile, m, and how many tiles an edge may have
 _TILE_M, _TILES_MAX = 10.0, 12
 
@@ -46,31 +47,29 @@ def _draw_ground(engine: Engine, description: WorldDescription) -> None:
     low, high = _extent(description)
     count = np.clip(np.ceil((high - low) / _TILE_M), 1, _TILES_MAX).astype(int)
     tile = (high - low) / count
-    for i in range(count[0]):
-        for j in range(count[1]):
-            center = low + tile * (np.array([i, j]) + 0.5)
-            shade = 1.0 if (i + j) % 2 else 0.94
+    i, j = (x.ravel() for x in np.meshgrid(*(np.arange(n) for n in count), indexing="ij"))
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    flat = low + tile * (np.stack([i, j], axis=1)[:, None, :] + corners)
+    quads = np.concatenate([flat, np.full((*flat.shape[:2], 1), -0.004)], axis=2)
+    for odd, shade in ((0, 0.94), (1, 1.0)):
+        chosen = quads[(i + j) % 2 == odd]
+        if len(chosen):
             r, g, b, a = _GROUND_COLOR
-            slab = box(np.array([*tile, 0.02]), IDENTITY[:3])
-            engine.add_picture(
-                slab, (*center.tolist(), -0.012), IDENTITY, (r * shade, g * shade, b * shade, a)
-            )
+            engine.add_picture(sheet(chosen), (r * shade, g * shade, b * shade, a))
 
 
 def _draw_roads(engine: Engine, description: WorldDescription) -> None:
-    drawn = 0
+    quads = []
     for road in description.roads:
         points = np.array(road.points_m)
         ends = np.roll(points, -1, axis=0) if road.closed else points[1:]
         for a, b in zip(points[: len(ends)], ends, strict=True):
-            if drawn == _ROAD_PIECES_MAX:
-                return
-            along = b - a
-            length = float(np.hypot(*along))
-            strip = box(np.array([length + 0.1 * road.width_m, road.width_m, 0.004]), IDENTITY[:3])
-            middle = (*(0.5 * (a + b)).tolist(), 0.0)
-            engine.add_picture(strip, middle, from_yaw(np.arctan2(along[1], along[0])), _ROAD_COLOR)
-            drawn += 1
+            along = (b - a) / max(float(np.hypot(*(b - a))), 1e-9)
+            side = 0.5 * road.width_m * np.array([-along[1], along[0]])
+            a, b = a - 0.3 * road.width_m * along, b + 0.3 * road.width_m * along
+            quads.append([[*corner, 0.0] for corner in (a - side, b - side, b + side, a + side)])
+    for k in range(0, len(quads), _QUADS_MAX):
+        engine.add_picture(sheet(np.array(quads[k : k + _QUADS_MAX])), _ROAD_COLOR)
 
 
 def build_scene(engine: Engine, description: WorldDescription) -> Scene:

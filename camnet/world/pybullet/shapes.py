@@ -14,7 +14,7 @@ from camnet.errors import WorldError
 from camnet.geometry.settings import Box, Cylinder, ExtrudedPolygon, Polytope, Shape
 from camnet.types import Array
 
-__all__ = ["Solid", "box", "cylinder", "hull", "pieces"]
+__all__ = ["Solid", "box", "cylinder", "hull", "pieces", "sheet"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,6 +63,16 @@ def hull(points: Array) -> Solid:
         {"shapeType": pb.GEOM_MESH, **mesh},
         origin,
     )
+
+
+def sheet(quads: Array) -> Solid:
+    """Horizontal quadrilaterals (K,4,3), corners counter-clockwise from above: only for pictures."""
+    corners = quads.reshape(-1, 3)
+    first = 4 * np.arange(len(quads))[:, None]
+    indices = (first + np.array([0, 1, 2, 0, 2, 3])).ravel().tolist()
+    normals = np.tile([0.0, 0.0, 1.0], (len(corners), 1)).tolist()
+    mesh = {"vertices": corners.tolist(), "indices": indices, "normals": normals}
+    return Solid({}, {"shapeType": pb.GEOM_MESH, **mesh}, np.zeros(3))
 
 
 def _prisms(shape: ExtrudedPolygon, name: str) -> list[Solid]:

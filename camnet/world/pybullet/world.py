@@ -8,7 +8,7 @@ import numpy as np
 import pybullet as pb
 from numpy.typing import NDArray
 
-from camnet.control.camera_kernel import camera_motion
+from camnet.control.camera_kernel import body_motion, camera_motion
 from camnet.errors import SimulationError, WorldError
 from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
 from camnet.types import Array, BoolArray, Snapshot
@@ -146,17 +146,17 @@ class PyBulletWorld:
         return np.asarray(camera_motion(self._flight.bodies, self._flight.memory, self._offset))
 
     def _observe(self, collisions: tuple[tuple[str, str], ...]) -> Snapshot:
-        bodies = (self._kinematic if self._is_kinematic else self._flight).bodies
+        actuation = self._kinematic if self._is_kinematic else self._flight
+        bodies = body_motion(actuation.bodies)
         cameras, fixed = self._cameras(), np.zeros((len(self._fixed_p), 3))
-        q_body = np.roll(bodies[:, 3:7], 1, axis=1)
         states = self._targets
         self._snapshot = Snapshot(
             t_s=self._t_s,
             step=self._step,
-            agent_p_world=bodies[:, :3].copy(),
-            agent_q_world=q_body,
-            agent_v_world=bodies[:, 7:10].copy(),
-            agent_w_body=rotate(q_body * np.array([1.0, -1.0, -1.0, -1.0]), bodies[:, 10:13]),
+            agent_p_world=bodies[:, :3],
+            agent_q_world=bodies[:, 3:7],
+            agent_v_world=bodies[:, 7:10],
+            agent_w_body=bodies[:, 10:13],
             camera_p_world=np.concatenate([cameras[:, :3], self._fixed_p]),
             camera_q_world=np.concatenate([cameras[:, 3:7], self._fixed_q]),
             camera_v_world=np.concatenate([cameras[:, 7:10], fixed]),
