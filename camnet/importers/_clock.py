@@ -5,12 +5,12 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from camnet.errors import DataError
-from camnet.importers._reading import number
+from camnet.importers._reading import Place, number
 
 __all__ = ["iso_seconds", "seconds"]
 
 
-def iso_seconds(text: str, where: str, field: str = "time") -> float:
+def iso_seconds(text: str, where: str | Place, field: str = "time") -> float:
     """Read an ISO 8601 date and time as Unix seconds; without a zone it is taken as UTC."""
     try:
         moment = datetime.fromisoformat(text)
@@ -21,7 +21,7 @@ def iso_seconds(text: str, where: str, field: str = "time") -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def seconds(text: str, where: str, field: str) -> float:
+def seconds(text: str, where: str | Place, field: str) -> float:
     """Read a time given in seconds or as ISO 8601."""
     text = text.strip()
     if "-" in text[1:] and "e-" not in text.lower():

@@ -13,12 +13,22 @@ from xml.parsers import expat
 
 from camnet.errors import DataError
 
-__all__ = ["number", "open_binary", "parse_xml", "text_lines"]
+__all__ = ["Place", "number", "open_binary", "parse_xml", "text_lines"]
 
 #: StartElement handler: local name, attributes, "file, line n"
-StartHandler = Callable[[str, dict[str, str], str], None]
+StartHandler = Callable[[str, dict[str, str], "Place"], None]
 #: EndElement handler: local name, the text inside, "file, line n"
-EndHandler = Callable[[str, str, str], None]
+EndHandler = Callable[[str, str, "Place"], None]
+
+
+class Place:
+    """Where an XML parser stands; formatted only when a message needs it, since most elements are sound."""
+
+    def __init__(self, path: Path, parser: expat.XMLParserType) -> None:
+        self._path, self._parser = path, parser
+
+    def __str__(self) -> str:
+        return f"{self._path}, line {self._parser.CurrentLineNumber}"
 
 
 @contextmanager
@@ -52,7 +62,7 @@ def text_lines(path: Path) -> Iterator[tuple[int, str]]:
             yield line_number, text.rstrip("\r\n")
 
 
-def number(text: str, where: str, field: str) -> float:
+def number(text: str, where: str | Place, field: str) -> float:
     """Read one finite decimal number; ``where`` is "file, line n"."""
     try:
         value = float(text)
@@ -74,30 +84,28 @@ def parse_xml(path: Path, root: str, start: StartHandler, end: EndHandler | None
     """
     parser = expat.ParserCreate(namespace_separator=" ")
     parser.buffer_text = True
+    place = Place(path, parser)
     text: list[str] = []
     depth = 0
-
-    def place() -> str:
-        return f"{path}, line {parser.CurrentLineNumber}"
 
     def on_start(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         local = name.rpartition(" ")[2]
         if depth == 0 and local != root:
-            raise DataError(f"{place()}: the outermost element is <{local}>; <{root}> was expected")
+            raise DataError(f"{place}: the outermost element is <{local}>; <{root}> was expected")
         depth += 1
         text.clear()
-        start(local, attributes, place())
+        start(local, attributes, place)
 
     def on_end(name: str) -> None:
         nonlocal depth
         depth -= 1
         if end is not None:
-            end(name.rpartition(" ")[2], "".join(text).strip(), place())
+            end(name.rpartition(" ")[2], "".join(text).strip(), place)
         text.clear()
 
     def on_entity(*declaration: Any) -> None:  # noqa: ANN401 (expat passes seven values; none is used)
-        raise DataError(f"{place()}: declares the entity {declaration[0]!r}; data files must not")
+        raise DataError(f"{place}: declares the entity {declaration[0]!r}; data files must not")
 
     parser.StartElementHandler = on_start
     parser.EndElementHandler = on_end

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from camnet.errors import DataError
-from camnet.importers._reading import number, parse_xml
+from camnet.importers._reading import Place, number, parse_xml
 from camnet.importers.fixes import Fixes, TrackOptions, tracks_from_fixes
 from camnet.motion.track import Track
 
@@ -39,7 +39,7 @@ class _FcdReader:
     t_s: float = math.nan
     fixes: dict[str, Fixes] = field(default_factory=dict)
 
-    def start(self, tag: str, attributes: dict[str, str], where: str) -> None:
+    def start(self, tag: str, attributes: dict[str, str], where: Place) -> None:
         """Take a time or a vehicle."""
         if tag == "timestep":
             self.t_s = number(_get(attributes, "time", tag, where), where, "time")
@@ -56,7 +56,7 @@ class _FcdReader:
             fixes.speed_mps.append(speed)
 
 
-def _get(attributes: dict[str, str], name: str, tag: str, where: str) -> str:
+def _get(attributes: dict[str, str], name: str, tag: str, where: Place) -> str:
     if name not in attributes:
         raise DataError(f"{where}: <{tag}> has no attribute {name}; it has {', '.join(attributes) or 'none'}")
     return attributes[name]

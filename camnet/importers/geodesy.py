@@ -8,7 +8,7 @@ import numpy as np
 import pymap3d
 
 from camnet.errors import DataError
-from camnet.importers._reading import number
+from camnet.importers._reading import Place, number
 from camnet.types import Array
 
 __all__ = ["Origin", "enu_from_geodetic", "latitude", "longitude"]
@@ -44,17 +44,17 @@ def enu_from_geodetic(latitude_deg: Array, longitude_deg: Array, altitude_m: Arr
     return np.stack([np.asarray(east), np.asarray(north), np.asarray(up)], axis=-1)
 
 
-def latitude(text: str, where: str, field: str = "latitude") -> float:
+def latitude(text: str, where: str | Place, field: str = "latitude") -> float:
     """Read a latitude in degrees; ``where`` is "file, line n"."""
     return _angle(text, where, field, 90.0)
 
 
-def longitude(text: str, where: str, field: str = "longitude") -> float:
+def longitude(text: str, where: str | Place, field: str = "longitude") -> float:
     """Read a longitude in degrees; ``where`` is "file, line n"."""
     return _angle(text, where, field, 180.0)
 
 
-def _angle(text: str, where: str, field: str, limit: float) -> float:
+def _angle(text: str, where: str | Place, field: str, limit: float) -> float:
     value = number(text, where, field)
     if not -limit <= value <= limit:
         raise DataError(f"{where}: {field} is {text!r}; {-limit:g} to {limit:g} degrees was expected")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from camnet.errors import DataError
 from camnet.importers._clock import iso_seconds
-from camnet.importers._reading import number, parse_xml
+from camnet.importers._reading import Place, number, parse_xml
 from camnet.importers.fixes import Fixes, TrackOptions, tracks_from_fixes
 from camnet.importers.geodesy import latitude, longitude
 from camnet.motion.track import Track
@@ -42,7 +42,7 @@ class _GpxReader:
     track: Fixes | None = None
     point: dict[str, float] | None = None
 
-    def start(self, tag: str, attributes: dict[str, str], where: str) -> None:
+    def start(self, tag: str, attributes: dict[str, str], where: Place) -> None:
         """Open a track or a point."""
         if tag == "trk":
             self.track, self.name = Fixes(), ""
@@ -55,7 +55,7 @@ class _GpxReader:
                 "lon": longitude(attributes["lon"], where, "lon"),
             }
 
-    def end(self, tag: str, text: str, where: str) -> None:
+    def end(self, tag: str, text: str, where: Place) -> None:
         """Take what an element held."""
         if self.point is not None:
             if tag == "time":
@@ -70,7 +70,7 @@ class _GpxReader:
             elif tag == "trk":
                 self._close_track()
 
-    def _close_point(self, where: str) -> None:
+    def _close_point(self, where: Place) -> None:
         point, self.point = self.point, None
         if point is None or self.track is None:
             return

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from camnet.errors import DataError
+from camnet.geometry.rotations import from_matrix
 from camnet.geometry.settings import FixedPose, Intrinsics
 from camnet.importers._reading import number, text_lines
 from camnet.types import Array
@@ -77,7 +77,7 @@ def read_krtd(path: str | Path, width_px: int, height_px: int) -> KrtdCamera:
     distortion = [value for _, row in rows for value in row]
     rotation = _rotation(f"{path}, line {r_line}", np.reshape(r, (3, 3)))
     intrinsics = _intrinsics(f"{path}, line {k_line}", np.reshape(k, (3, 3)), distortion, width_px, height_px)
-    q_world = Rotation.from_matrix(rotation.T).as_quat(canonical=True, scalar_first=True)
+    q_world = from_matrix(rotation.T)
     p_world = -rotation.T @ np.asarray(t)
     p_world.setflags(write=False)
     q_world.setflags(write=False)
