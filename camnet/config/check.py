@@ -8,10 +8,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from camnet.config.check_geometry import check_geometry
-from camnet.config.diagnose import Problem, raise_problems, show
+from camnet.config.diagnose import Problem, find, raise_problems, show
 from camnet.config.models import Scenario
-from camnet.config.yaml_nodes import FieldPath, Node
+from camnet.config.yaml_nodes import FieldPath, Node, field_text
+from camnet.errors import DataError
 from camnet.geometry.settings import CameraModel, FixedPose
+from camnet.importers.tracks import load_tracks, only_track
 from camnet.motion.settings import RoadTarget, TargetSettings, TrackTarget, VectorFieldTarget
 
 __all__ = ["check_scenario"]
@@ -33,7 +35,19 @@ def check_scenario(scenario: Scenario, root: Node) -> Scenario:
         A recorded track that cannot be read.
     """
     raise_problems([*_names(scenario), *_references(scenario), *_numbers(scenario)], root)
+    _check_tracks(scenario, root)
     return check_geometry(scenario, root)
+
+
+def _check_tracks(scenario: Scenario, root: Node) -> None:
+    """Read the recorded tracks once, so that a fault in them is found before anything runs."""
+    for i, target in enumerate(scenario.targets):
+        if isinstance(target.motion, TrackTarget):
+            field = ("targets", i, "motion", "file")
+            try:
+                only_track(load_tracks(target.motion), str(target.motion.file))
+            except DataError as error:
+                raise DataError(f"{find(root, field).origin}: {field_text(field)}: {error}") from None
 
 
 def _names(scenario: Scenario) -> Iterator[Problem]:
@@ -150,6 +164,9 @@ def _numbers(scenario: Scenario) -> Iterator[Problem]:
             )
     for i, target in enumerate(scenario.targets):
         yield from _target_numbers(("targets", i), target)
+    if scenario.traffic is not None and scenario.run.duration_s > scenario.traffic.duration_s:
+        advice = f"longer than traffic.duration_s = {scenario.traffic.duration_s}"
+        yield Problem(("run", "duration_s"), show(scenario.run.duration_s), advice)
     yield from _rates(scenario)
     yield from _flight(scenario)
 

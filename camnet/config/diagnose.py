@@ -98,7 +98,7 @@ def _large_angles(root: Node) -> list[Problem]:
         name = next((part for part in reversed(path) if isinstance(part, str)), "")
         unit = split_unit(name)[1]
         number = leaf.value
-        if unit is None or unit.dimension != "angle" or isinstance(number, bool):
+        if unit is None or unit.words != "radians" or isinstance(number, bool):
             continue
         if isinstance(number, int | float) and abs(number) > 2 * math.pi:
             advice = f"more than a full turn in radians: degrees? {number} degrees are {math.radians(number):.6g} rad"

@@ -146,7 +146,7 @@ def _absolute(leaf: Node, data_folder: Path | None) -> Path:
     written = Path(str(leaf.value)).expanduser()
     in_file = leaf.origin.folder
     base = Path.cwd() if in_file is None else (data_folder or in_file)
-    return Path((base / written).absolute())
+    return (base / written).resolve()
 
 
 def _map_leaves(node: Node, change: Callable[[FieldPath, Node], Node], path: FieldPath) -> Node:

@@ -86,33 +86,38 @@ class RunSettings(Settings):
 
 
 class TrafficRegions(Settings):
-    """Operating regions on real streets: the ``count`` busiest places, boxes of ``size_m``.
+    """Operating regions on real streets: squares at the ``count`` busiest places, one agent in each.
 
-    ``spacing_m`` is the least distance between their centres.
+    ``size_m`` is a square's side and ``height_m`` the region's height; ``margin_m`` is the least distance between
+    two regions, and ``within_m`` how far they may be from the busiest one.
     """
 
     count: Annotated[int, Field(gt=0, le=64)] = 4
-    size_m: Vector3 = (40.0, 40.0, 30.0)
-    spacing_m: Positive = 80.0
+    size_m: Positive = 60.0
+    height_m: Positive = 35.0
+    margin_m: NonNegative = 60.0
+    within_m: Positive = 800.0
 
 
 class TrafficSettings(Settings):
-    """Targets from road traffic: SUMO is run on ``sumo_config``, and its vehicles are replayed.
+    """Targets from road traffic: SUMO is run on ``sumo_config``, and some of its vehicles are replayed.
 
-    The simulated seconds ``begin_s`` to ``begin_s + duration_s`` are kept, and the ``targets`` vehicles that pass
-    most regions; regions and agents are placed where most of the traffic is. ``camera`` names the camera model
-    that the agents carry.
+    The first ``warm_up_s`` seconds fill the streets; the next ``duration_s`` are kept. The ``targets`` vehicles that
+    change region most often are followed: a vehicle stands where its trip begins before it, and where it ends after
+    it. ``camera`` names the camera model of the agents, who start ``agent_height_m`` above the street. Streets within
+    ``road_margin_m`` of the regions become the world's roads.
     """
 
     sumo_config: Path
-    begin_s: NonNegative = 0.0
+    warm_up_s: NonNegative = 120.0
     duration_s: Positive = 300.0
-    step_s: Positive = 0.5
-    seed: Annotated[int, Field(ge=0)] = 42
-    targets: Annotated[int, Field(gt=0)] = 4
+    step_s: Positive = 1.0
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 42
+    targets: Annotated[int, Field(gt=0, le=64)] = 4
     camera: str
-    regions: TrafficRegions = TrafficRegions()
     agent_height_m: Positive = 20.0
+    road_margin_m: NonNegative = 50.0
+    regions: TrafficRegions = TrafficRegions()
 
 
 class Scenario(Settings):

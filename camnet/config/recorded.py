@@ -10,6 +10,9 @@ from pydantic import Field
 
 from camnet.config.diagnose import Problem, raise_problems, show
 from camnet.config.yaml_nodes import Node
+from camnet.importers.krtd import KrtdCamera, read_krtd
+from camnet.importers.tracks import Origin, TrackOptions, read_tracks
+from camnet.motion.track import Track
 from camnet.settings import NonNegative, Positive, Settings
 
 __all__ = ["CameraFiles", "GeodeticOrigin", "RecordedScenario", "TrackFiles", "check_recorded"]
@@ -67,16 +70,35 @@ class RecordedScenario(Settings):
     min_gap_s: NonNegative = 0.0
     max_gap_s: Positive = 3600.0
 
+    def camera_files(self) -> tuple[Path, ...]:
+        """Return the camera files of the recording, sorted."""
+        return tuple(sorted(self.data.glob(self.cameras.glob)))
+
+    def read_cameras(self) -> tuple[KrtdCamera, ...]:
+        """Read all cameras; DataError names the file and line of what is wrong."""
+        size = self.cameras.width_px, self.cameras.height_px
+        return tuple(read_krtd(path, *size) for path in self.camera_files())
+
+    def read_tracks(self) -> tuple[Track, ...]:
+        """Read all tracks, whole; DataError names the file and line of what is wrong."""
+        where = self.origin
+        local = None if where is None else Origin(where.latitude_deg, where.longitude_deg, where.altitude_m)
+        return read_tracks(self.tracks.file, self.tracks.format, TrackOptions(origin=local))
+
 
 def check_recorded(scenario: RecordedScenario, root: Node) -> None:
-    """Check what the types cannot say: folders and files are there, ranges are in order.
+    """Check what the types cannot say: folders and files are there and readable, ranges are in order.
 
     Raises
     ------
     ConfigError
         With one line for every problem found.
+    DataError
+        A camera file or the tracks cannot be read as what they claim to be.
     """
     raise_problems(_problems(scenario), root)
+    scenario.read_cameras()
+    scenario.read_tracks()
 
 
 def _problems(scenario: RecordedScenario) -> Iterator[Problem]:
@@ -101,8 +123,8 @@ def _problems(scenario: RecordedScenario) -> Iterator[Problem]:
     if not scenario.tracks.file.is_file():
         yield Problem(("tracks", "file"), show(str(scenario.tracks.file)), "no such file")
     try:
-        found = any(True for _ in scenario.data.glob(cameras.glob))
-    except (ValueError, NotImplementedError):
+        found = bool(scenario.camera_files())
+    except (ValueError, NotImplementedError, OSError):
         found = False
     if not found:
         advice = f"no file in {scenario.data} matches: give a pattern such as 'cameras/*.krtd'"
