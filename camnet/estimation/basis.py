@@ -59,7 +59,9 @@ class RbfBasis:
         cov = np.asarray(covariance, dtype=float)
         cov = cov * np.eye(d) if cov.ndim == 0 else cov
         if cov.shape not in ((d, d), (p, d, d)):
-            raise ConfigError(f"basis covariance: shape {cov.shape}, expected scalar, {(d, d)} or {(p, d, d)}")
+            raise ConfigError(
+                f"basis covariance: shape {cov.shape}, expected scalar, {(d, d)} or {(p, d, d)}"
+            )
         cov = np.array(np.broadcast_to(cov, (p, d, d)))
         if not (np.isfinite(centres).all() and np.isfinite(cov).all()):
             raise ConfigError("basis: centres and covariance must be finite")

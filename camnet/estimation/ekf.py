@@ -1,0 +1,206 @@
+"""Constant-velocity extended Kalman filter of a pose: the baseline of parikh2018 (section VII).
+
+| symbol | name | shape | unit |
+| --- | --- | --- | --- |
+| p, v | position and velocity in the world frame | (3,) | m, m/s |
+| q, w | orientation and body rate, both assumed constant but for white acceleration | (4,), (3,) | -, rad/s |
+| dtheta | error of q, body frame: ``q_true = q exp(dtheta)`` | (3,) | rad |
+| P_p | covariance of (p, v) on one axis; the three axes are alike and uncorrelated | (2, 2) | m, m/s |
+| P_q | covariance of (dtheta, dw) | (6, 6) | rad, rad/s |
+
+Process noise is the exact integral of white acceleration of density rho: ``rho [dt^3/3, dt^2/2; dt^2/2, dt]``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from camnet.errors import ConfigError
+from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
+from camnet.estimation.protocol import Rollout
+from camnet.estimation.settings import EkfSettings
+from camnet.geometry.rotations_compiled import align_sign, conjugate, exp, log, multiply, normalise, to_matrix
+from camnet.types import Array, PoseMeasurement, TargetEstimate
+
+__all__ = ["ConstantVelocityEKF", "coast", "predict_covariances", "update_position"]
+
+#: uncertainty of the velocities at the first measurement
+START_SPEED_MPS = 1.0
+START_RATE_RADPS = 2.0
+
+
+@njit(cache=True)
+def predict_covariances(
+    cov_p: Array, cov_q: Array, w: Array, dt: float, rho_p: float, rho_q: float
+) -> tuple[Array, Array]:
+    """Covariances (2, 2) and (6, 6) after ``dt`` seconds without measurement."""
+    f = np.array([[1.0, dt], [0.0, 1.0]])
+    noise = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    big = np.zeros((6, 6))
+    big[0:3, 0:3] = to_matrix(exp(-dt * w))
+    for i in range(3):
+        big[i, 3 + i] = dt
+        big[3 + i, 3 + i] = 1.0
+    out = big @ cov_q @ big.T
+    for i in range(3):
+        out[i, i] += rho_q * noise[0, 0]
+        out[i, 3 + i] += rho_q * noise[0, 1]
+        out[3 + i, i] += rho_q * noise[1, 0]
+        out[3 + i, 3 + i] += rho_q * noise[1, 1]
+    return f @ cov_p @ f.T + rho_p * noise, out
+
+
+@njit(cache=True)
+def update_position(
+    p: Array, v: Array, cov: Array, measured: Array, variance: float
+) -> tuple[Array, Array, Array]:
+    """Kalman update of (p, v) with a measured position (3,)."""
+    s = cov[0, 0] + variance
+    k0, k1 = cov[0, 0] / s, cov[1, 0] / s
+    e = measured - p
+    gain = np.array([[1.0 - k0, 0.0], [-k1, 1.0]])
+    after = gain @ cov @ gain.T + variance * np.array([[k0 * k0, k0 * k1], [k0 * k1, k1 * k1]])
+    return p + k0 * e, v + k1 * e, after
+
+
+@njit(cache=True)
+def _update_orientation(
+    q: Array, w: Array, cov: Array, measured: Array, variance: float
+) -> tuple[Array, Array, Array]:
+    """Kalman update of (q, w) with a measured orientation (4,)."""
+    e = log(multiply(conjugate(q), measured))
+    s = cov[0:3, 0:3] + variance * np.eye(3)
+    gain = np.ascontiguousarray(cov[:, 0:3]) @ np.linalg.inv(s)
+    left = np.eye(6)
+    left[:, 0:3] -= gain
+    after = left @ cov @ left.T + variance * gain @ gain.T
+    step = gain @ e
+    return normalise(multiply(q, exp(step[0:3]))), w + step[3:6], after
+
+
+def coast(
+    t_s: float, p: Array, q: Array, v: Array, w: Array, horizon_s: float, dt_s: float
+) -> tuple[Array, Array, Array]:
+    """Times (K,), positions (K, 3) and orientations (K, 4) at constant velocity and constant body rate.
+
+    Raises
+    ------
+    ConfigError
+        If horizon or step are not positive.
+    """
+    if not (horizon_s > 0.0 and dt_s > 0.0):
+        raise ConfigError(f"rollout: horizon_s {horizon_s}, dt_s {dt_s}: both must be positive")
+    count = max(1, round(horizon_s / dt_s))
+    tau = dt_s * np.arange(1, count + 1, dtype=float)
+    rate = float(np.linalg.norm(w))
+    half = 0.5 * rate * tau
+    turn = np.column_stack((np.cos(half), np.outer(np.sin(half) / rate if rate > 1e-12 else 0.5 * tau, w)))
+    left = np.array(
+        [
+            [q[0], -q[1], -q[2], -q[3]],
+            [q[1], q[0], -q[3], q[2]],
+            [q[2], q[3], q[0], -q[1]],
+            [q[3], -q[2], q[1], q[0]],
+        ]
+    )
+    return t_s + tau, p + np.outer(tau, v), turn @ left.T
+
+
+class ConstantVelocityEKF:
+    """Baseline filter with the interface of ``TargetFilter``.
+
+    Parameters
+    ----------
+    settings : noise of process and measurement
+    rate_hz : sensing rate
+    name : shown in results
+    """
+
+    def __init__(self, settings: EkfSettings, rate_hz: float, name: str = "ekf") -> None:
+        if not rate_hz > 0.0:
+            raise ConfigError(f"rate_hz {rate_hz}: must be positive")
+        self.name = name
+        self._settings = settings
+        self._dt = 1.0 / rate_hz
+        self._region = -1
+        self._seen = False
+        self._t = -math.inf
+        self._last_seen = -math.inf
+        self._p = np.full(3, np.nan)
+        self._q = np.array([1.0, 0.0, 0.0, 0.0])
+        self._v, self._w = np.zeros(3), np.zeros(3)
+        self._cov_p = np.diag([settings.position_noise_m**2, START_SPEED_MPS**2])
+        self._cov_q = np.diag([settings.orientation_noise_rad**2] * 3 + [START_RATE_RADPS**2] * 3)
+
+    @property
+    def estimate(self) -> TargetEstimate:
+        """See ``TargetFilter.estimate``; the radius is three standard deviations on the worst axis."""
+        radius = 3.0 * math.sqrt(self._cov_p[0, 0]) if self._region >= 0 else math.inf
+        return TargetEstimate(
+            t_s=self._t,
+            p_world=self._p.copy(),
+            q_world=self._q.copy(),
+            v_world=self._v.copy(),
+            w_body=self._w.copy(),
+            seen=self._seen,
+            last_seen_s=self._last_seen,
+            region=self._region,
+            radius_m=radius,
+        )
+
+    def correct(self, measurement: PoseMeasurement, region: int) -> None:
+        """See ``TargetFilter.correct``; a measurement older than the state is moved along the present velocity."""
+        p, q = measured_world_pose(measurement)
+        t = measurement.t_s
+        if self._region < 0:
+            self._t, self._p, self._q = t, p, q
+        else:
+            if t < self._t:
+                p, t = p + (self._t - t) * self._v, self._t
+            self._advance(t)
+            s = self._settings
+            self._p, self._v, self._cov_p = update_position(
+                self._p, self._v, self._cov_p, p, s.position_noise_m**2
+            )
+            self._q, self._w, self._cov_q = _update_orientation(
+                self._q, self._w, self._cov_q, align_sign(q, self._q), s.orientation_noise_rad**2
+            )
+        self._region, self._seen, self._last_seen = region, True, t
+
+    def predict(self, t_s: float) -> None:
+        """See ``TargetFilter.predict``."""
+        if self._region < 0 or t_s <= self._t:
+            return
+        self._seen = t_s - self._last_seen <= LOST_PERIODS * self._dt
+        self._advance(t_s)
+
+    def _advance(self, t: float) -> None:
+        dt = t - self._t
+        s = self._settings
+        self._cov_p, self._cov_q = predict_covariances(
+            self._cov_p, self._cov_q, self._w, dt, s.accel_psd_m2ps3, s.angular_accel_psd_rad2ps3
+        )
+        self._p = self._p + dt * self._v
+        self._q = normalise(multiply(self._q, exp(dt * self._w)))
+        self._t = t
+
+    def rollout(self, horizon_s: float, dt_s: float) -> Rollout:
+        """See ``TargetFilter.rollout``."""
+        t, p, q = coast(self._t, self._p, self._q, self._v, self._w, horizon_s, dt_s)
+        tau = t - self._t
+        c, rho = self._cov_p, self._settings.accel_psd_m2ps3
+        variance = c[0, 0] + 2.0 * tau * c[0, 1] + tau**2 * c[1, 1] + rho * tau**3 / 3.0
+        radius = 3.0 * np.sqrt(variance) if self._region >= 0 else np.full(len(tau), np.inf)
+        return Rollout(t, p, q, radius)
+
+    def diagnostics(self) -> dict[str, float]:
+        """Standard deviations of position, velocity, orientation and body rate on one axis."""
+        return {
+            "position_std_m": math.sqrt(self._cov_p[0, 0]),
+            "velocity_std_mps": math.sqrt(self._cov_p[1, 1]),
+            "orientation_std_rad": math.sqrt(self._cov_q[2, 2]),
+            "rate_std_radps": math.sqrt(self._cov_q[5, 5]),
+        }

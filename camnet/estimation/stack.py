@@ -1,0 +1,114 @@
+"""History stack of integral windows (parikh2018 (8), (9); harris2020 (3-11), (4-19)).
+
+| symbol | name | shape | unit |
+| --- | --- | --- | --- |
+| Y_i | ``rows`` | (N, p) | s |
+| Deta_i - F_i | ``increments``: with the unit output in the last column | (N, m) | m, rad, s |
+| sum Y_i^T Y_i | ``gram`` | (p, p) | s^2 |
+| sum Y_i^T (Deta_i - F_i) | ``moment`` | (p, m) | m s, rad s |
+| T | ``excited_s``: first time at which lambda_min >= lambda_lo (3-19) | - | s |
+
+A window may carry a weight in (0, 1] (inverse variance relative to a measured window): row and increment are stored
+multiplied by its root. Instantaneous data (Y_k = sigma^T, eta'_k of (3-13), (4-20)) fit the same structure.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from camnet.estimation.selection import SelectionRule
+from camnet.types import Array
+
+__all__ = ["Change", "HistoryStack"]
+
+#: a change of a stack: rows that entered (+1) and left (-1)
+Change = tuple[tuple[Array, float], ...]
+
+
+class HistoryStack:
+    """At most ``capacity`` weighted windows over p kernels and m outputs."""
+
+    def __init__(
+        self, capacity: int, size: int, outputs: int, rule: SelectionRule, excitation_threshold: float
+    ) -> None:
+        self._rule = rule
+        self._threshold = excitation_threshold
+        self._rows = np.zeros((capacity, size))
+        self._increments = np.zeros((capacity, outputs))
+        self.gram = np.zeros((size, size))
+        self.moment = np.zeros((size, outputs))
+        self.count = 0
+        self.refused = 0
+        self.excited_s = math.inf
+        self._stale = True
+        self._lambda_min = 0.0
+
+    @property
+    def rows(self) -> Array:
+        """The (n, p) regressors held."""
+        return self._rows[: self.count]
+
+    @property
+    def increments(self) -> Array:
+        """The (n, m) increments held."""
+        return self._increments[: self.count]
+
+    @property
+    def rule_name(self) -> str:
+        """Name of the selection rule that runs."""
+        return self._rule.name
+
+    def offer(self, t_s: float, row: Array, increment: Array, weight: float = 1.0) -> Change:
+        """Add a window if there is room, else let the rule decide; returns the rows that entered and left."""
+        root = math.sqrt(weight)
+        y, d = root * row, root * increment
+        if self.count < len(self._rows):
+            index, self.count = self.count, self.count + 1
+            change: Change = ((y, 1.0),)
+            self._write(index, y, d)
+            self._rule.added(index, y, self.rows, self.gram)
+        else:
+            index = self._rule.choose(y, self.rows, self.gram)
+            if index < 0:
+                self.refused += 1
+                return ()
+            old = self._rows[index].copy()
+            self.gram -= np.outer(old, old)
+            self.moment -= np.outer(old, self._increments[index])
+            change = ((y, 1.0), (old, -1.0))
+            self._write(index, y, d)
+            self._rule.replaced(index, old, y, self.rows, self.gram)
+        self._stale = True
+        self._check_excitation(t_s)
+        return change
+
+    def _write(self, index: int, y: Array, d: Array) -> None:
+        self._rows[index] = y
+        self._increments[index] = d
+        self.gram += np.outer(y, y)
+        self.moment += np.outer(y, d)
+
+    def _check_excitation(self, t_s: float) -> None:
+        """(3-19): lambda_min(S) >= lambda_lo exactly when S - lambda_lo I has a Cholesky factor."""
+        if math.isfinite(self.excited_s) or float(self.gram.diagonal().min()) < self._threshold:
+            return
+        try:
+            np.linalg.cholesky(self.gram - self._threshold * np.eye(len(self.gram)))
+        except np.linalg.LinAlgError:
+            return
+        self.excited_s = t_s
+
+    def lambda_min(self) -> float:
+        """Smallest eigenvalue of ``gram``; computed when the stack has changed since."""
+        if self._stale:
+            self._lambda_min = float(np.linalg.eigvalsh(self.gram)[0])
+            self._stale = False
+        return self._lambda_min
+
+    def lambda_min_visited(self, share: float = 0.05) -> float:
+        """The same over the kernels that data has reached: diagonal above ``share`` of the largest."""
+        diagonal = self.gram.diagonal()
+        keep = np.flatnonzero(diagonal > share * max(float(diagonal.max()), 1e-300))
+        return float(np.linalg.eigvalsh(self.gram[np.ix_(keep, keep)])[0]) if len(keep) else 0.0
