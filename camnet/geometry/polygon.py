@@ -43,7 +43,7 @@ def _signed_distance(x: float, y: float, vertices: Array) -> float:
 
 @njit(cache=True)
 def signed_distance(points: Array, vertices: Array) -> Array:
-    """Distance (K,) of points (K, 2) to the border of the polygon (n, 2), negative inside."""
+    """Distance (K,) of points (K, 2 or more; x and y count) to the border of the polygon (n, 2), negative inside."""
     out = np.empty(points.shape[0])
     for k in range(points.shape[0]):
         out[k] = _signed_distance(points[k, 0], points[k, 1], vertices)

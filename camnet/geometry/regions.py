@@ -81,10 +81,40 @@ def _slab(region: BoxRegion | CylinderRegion | PrismRegion, z_lo: float, z_hi: f
 
 
 @njit(cache=True)
+def _prism_distance(planar: Array, points: Array, z_lo: float, z_hi: float) -> Array:
+    """Distance (K,) of points (K, 3) to a prism, from their distance (K,) to its outline."""
+    out = np.empty(planar.shape[0])
+    for k in range(planar.shape[0]):
+        vertical = max(z_lo - points[k, 2], points[k, 2] - z_hi)
+        inner = max(planar[k], vertical)
+        out[k] = math.sqrt(max(planar[k], 0.0) ** 2 + max(vertical, 0.0) ** 2) if inner > 0.0 else inner
+    return out
+
+
+@njit(cache=True)
+def _cylinder_distance(points: Array, cx: float, cy: float, radius: float, z_lo: float, z_hi: float) -> Array:
+    radial = np.sqrt((points[:, 0] - cx) ** 2 + (points[:, 1] - cy) ** 2) - radius
+    return _prism_distance(radial, points, z_lo, z_hi)
+
+
+@njit(cache=True)
 def _box_project(p: Array, lo: Array, hi: Array, margin: float) -> Array:
     out = np.empty(3)
     for i in range(3):
         out[i] = min(max(p[i], lo[i] + margin), hi[i] - margin)
+    return out
+
+
+@njit(cache=True)
+def _box_distance(points: Array, lo: Array, hi: Array) -> Array:
+    out = np.empty(points.shape[0])
+    for k in range(points.shape[0]):
+        inner, outer = -math.inf, 0.0
+        for i in range(3):
+            d = max(lo[i] - points[k, i], points[k, i] - hi[i])
+            inner = max(inner, d)
+            outer += max(d, 0.0) ** 2
+        out[k] = math.sqrt(outer) if inner > 0.0 else inner
     return out
 
 
@@ -102,20 +132,19 @@ class BoxRegion:
         self.height: Array = self.bounds[:, 2].copy()
         self.center: Array = 0.5 * (lo + hi)
         self.inradius_m = 0.5 * float(np.min(hi - lo))
-        self._half: Array = 0.5 * (hi - lo)
-        for array in (self.bounds, self.height, self.center, self._half):
+        for array in (self.bounds, self.height, self.center):
             array.setflags(write=False)
 
     def signed_distance(self, points: ArrayLike) -> Array:
         """See `Region`."""
-        d = np.abs(np.asarray(points, dtype=np.float64) - self.center) - self._half
-        outside = np.linalg.norm(np.maximum(d, 0.0), axis=-1)
-        return np.asarray(outside + np.minimum(np.max(d, axis=-1), 0.0))
+        p = np.ascontiguousarray(points, dtype=np.float64)
+        return np.asarray(_box_distance(p.reshape(-1, 3), self.bounds[0], self.bounds[1])).reshape(
+            p.shape[:-1]
+        )
 
     def contains(self, points: ArrayLike) -> BoolArray:
         """See `Region`."""
-        p = np.asarray(points, dtype=np.float64)
-        return np.asarray(np.all((p >= self.bounds[0]) & (p <= self.bounds[1]), axis=-1))
+        return np.asarray(self.signed_distance(points) <= 0.0)
 
     def project(self, point: ArrayLike, margin_m: float = 0.0) -> Array:
         """See `Region`."""
@@ -163,15 +192,14 @@ class CylinderRegion:
             [[x - radius_m, y - radius_m, z_lo], [x + radius_m, y + radius_m, z_hi]]
         )
         self.inradius_m = min(self.radius_m, 0.5 * (z_hi - z_lo))
-        self._project_args = (x, y, self.radius_m, z_lo, z_hi)
+        self._dimensions = (x, y, self.radius_m, z_lo, z_hi)
         for array in (self.bounds, self.height, self.center):
             array.setflags(write=False)
 
     def signed_distance(self, points: ArrayLike) -> Array:
         """See `Region`."""
-        p = np.asarray(points, dtype=np.float64)
-        radial = np.linalg.norm(p[..., :2] - self.center[:2], axis=-1) - self.radius_m
-        return _prism_distance(radial, p[..., 2], self.height)
+        p = np.ascontiguousarray(points, dtype=np.float64)
+        return np.asarray(_cylinder_distance(p.reshape(-1, 3), *self._dimensions)).reshape(p.shape[:-1])
 
     def contains(self, points: ArrayLike) -> BoolArray:
         """See `Region`."""
@@ -181,7 +209,7 @@ class CylinderRegion:
         """See `Region`."""
         if not margin_m <= self.inradius_m:
             check_margin(self.name, margin_m, self.inradius_m)
-        x, y, radius, z_lo, z_hi = self._project_args
+        x, y, radius, z_lo, z_hi = self._dimensions
         p = np.asarray(point, dtype=np.float64)
         return np.asarray(_cylinder_project(p, x, y, radius - margin_m, z_lo + margin_m, z_hi - margin_m))
 
@@ -224,9 +252,9 @@ class PrismRegion:
 
     def signed_distance(self, points: ArrayLike) -> Array:
         """See `Region`."""
-        p = np.asarray(points, dtype=np.float64)
-        planar = self._planar_distance(np.ascontiguousarray(p[..., :2]).reshape(-1, 2)).reshape(p.shape[:-1])
-        return _prism_distance(planar, p[..., 2], self.height)
+        p = np.ascontiguousarray(points, dtype=np.float64)
+        planar = self._planar_distance(p.reshape(-1, 3))
+        return np.asarray(_prism_distance(planar, p.reshape(-1, 3), *self.height)).reshape(p.shape[:-1])
 
     def contains(self, points: ArrayLike) -> BoolArray:
         """See `Region`."""
@@ -258,12 +286,6 @@ def _heights(name: str, z_m: ArrayLike) -> tuple[float, float]:
     if not z_lo < z_hi:
         raise WorldError(f"region '{name}': z_m [{z_lo:g}, {z_hi:g}] must be [lowest, highest], lowest first")
     return z_lo, z_hi
-
-
-def _prism_distance(planar: Array, z: Array, height: Array) -> Array:
-    vertical = np.maximum(height[0] - z, z - height[1])
-    outside = np.hypot(np.maximum(planar, 0.0), np.maximum(vertical, 0.0))
-    return np.asarray(outside + np.minimum(np.maximum(planar, vertical), 0.0))
 
 
 def _simple_polygon(name: str, vertices: Array) -> Array:
