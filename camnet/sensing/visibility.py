@@ -1,0 +1,151 @@
+"""Which camera sees which target, decided on the truth.
+
+A target is visible when all its feature points are in the camera's frustum, when it is inside the region of the
+camera's agent (an agent has no feedback from outside its region, harris2020 ch. 4), and when nothing blocks the
+line of sight to any of the points. The cheap tests come first: sight lines are asked for only where the others pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from camnet.geometry import rotations
+from camnet.geometry.frustum import Frustum
+from camnet.geometry.regions import Region
+from camnet.geometry.rotations_compiled import to_matrix
+from camnet.geometry.settings import CameraModel
+from camnet.types import Array, BoolArray, IntArray, Snapshot
+
+__all__ = ["RaysClear", "VisibilityTest", "features_world"]
+
+#: (origins (K, 3), points (K, 3)) -> (K,): which sight lines nothing blocks
+RaysClear = Callable[[Array, Array], BoolArray]
+
+
+def features_world(p_world: ArrayLike, q_world: ArrayLike, features: ArrayLike) -> Array:
+    """Feature points (..., K, 3) in the world, of targets at p (..., 3), q (..., 4), from points (K, 3) in the body."""
+    points = np.asarray(features, dtype=np.float64) @ np.swapaxes(rotations.to_matrix(q_world), -1, -2)
+    return np.asarray(points + np.asarray(p_world, dtype=np.float64)[..., None, :])
+
+
+@njit(cache=True)
+def _in_frusta(
+    a: Array, b: Array, camera_p: Array, camera_q: Array, points: Array, first: IntArray
+) -> BoolArray:
+    """Whether all points of each target are in each camera's frustum (C, M); points (F, 3) in the world."""
+    n_cameras, n_targets = camera_p.shape[0], first.shape[0] - 1
+    out = np.empty((n_cameras, n_targets), dtype=np.bool_)
+    for c in range(n_cameras):
+        r = to_matrix(camera_q[c])
+        for m in range(n_targets):
+            inside = True
+            for f in range(first[m], first[m + 1]):
+                d0, d1, d2 = (
+                    points[f, 0] - camera_p[c, 0],
+                    points[f, 1] - camera_p[c, 1],
+                    points[f, 2] - camera_p[c, 2],
+                )
+                x = r[0, 0] * d0 + r[1, 0] * d1 + r[2, 0] * d2
+                y = r[0, 1] * d0 + r[1, 1] * d1 + r[2, 1] * d2
+                z = r[0, 2] * d0 + r[1, 2] * d1 + r[2, 2] * d2
+                for k in range(6):
+                    if a[c, k, 0] * x + a[c, k, 1] * y + a[c, k, 2] * z > b[c, k]:
+                        inside = False
+                        break
+                if not inside:
+                    break
+            out[c, m] = inside
+    return out
+
+
+@njit(cache=True)
+def _points_world(target_p: Array, target_q: Array, features: Array, first: IntArray) -> Array:
+    out = np.empty_like(features)
+    for m in range(first.shape[0] - 1):
+        r = to_matrix(target_q[m])
+        for f in range(first[m], first[m + 1]):
+            for i in range(3):
+                out[f, i] = (
+                    target_p[m, i]
+                    + r[i, 0] * features[f, 0]
+                    + r[i, 1] * features[f, 1]
+                    + r[i, 2] * features[f, 2]
+                )
+    return out
+
+
+class VisibilityTest:
+    """Visibility of M targets from C cameras.
+
+    Parameters
+    ----------
+    cameras : C camera models, in the snapshot's order
+    features : for each of the M targets its feature points (K, 3) in its body frame, m
+    regions : for each camera the region outside which it sees nothing, or None
+    """
+
+    def __init__(
+        self, cameras: Sequence[CameraModel], features: Sequence[ArrayLike], regions: Sequence[Region | None]
+    ) -> None:
+        if len(cameras) != len(regions):
+            raise ValueError(
+                f"{len(cameras)} cameras but {len(regions)} regions: give one, or None, for each camera"
+            )
+        self.frusta = Frustum.stack([Frustum.from_camera(camera) for camera in cameras])
+        self._regions = tuple(regions)
+        points = [np.array(f, dtype=np.float64).reshape(-1, 3) for f in features]
+        self._features: Array = np.concatenate(points) if points else np.zeros((0, 3))
+        self._first: IntArray = np.concatenate([[0], np.cumsum([len(p) for p in points])]).astype(np.int64)
+
+    def in_view(self, snapshot: Snapshot) -> BoolArray:
+        """Whether target m is in the frustum of camera c and in its region (C, M); occlusion is not looked at."""
+        return self._in_view(snapshot, self._points(snapshot))
+
+    def __call__(self, snapshot: Snapshot, rays_clear: RaysClear | None = None) -> BoolArray:
+        """Whether camera c sees target m (C, M).
+
+        Parameters
+        ----------
+        snapshot : the truth
+        rays_clear : tells which sight lines are free; asked once, for the pairs that pass the other tests. Without
+            it nothing blocks.
+        """
+        points = self._points(snapshot)
+        visible = self._in_view(snapshot, points)
+        if rays_clear is None:
+            return visible
+        pairs = np.argwhere(visible)
+        if len(pairs) == 0:
+            return visible
+        first = self._first
+        lines = np.concatenate([points[first[m] : first[m + 1]] for _, m in pairs])
+        counts = np.diff(first)[pairs[:, 1]]
+        origins = np.repeat(snapshot.camera_p_world[pairs[:, 0]], counts, axis=0)
+        clear = np.asarray(rays_clear(origins, lines), dtype=np.bool_)
+        blocked = np.zeros(len(pairs), dtype=np.int64)
+        np.add.at(blocked, np.repeat(np.arange(len(pairs)), counts), ~clear)
+        visible[pairs[:, 0], pairs[:, 1]] = blocked == 0
+        return visible
+
+    def _points(self, snapshot: Snapshot) -> Array:
+        return np.asarray(
+            _points_world(snapshot.target_p_world, snapshot.target_q_world, self._features, self._first)
+        )
+
+    def _in_view(self, snapshot: Snapshot, points: Array) -> BoolArray:
+        visible: BoolArray = _in_frusta(
+            self.frusta.A,
+            self.frusta.b,
+            snapshot.camera_p_world,
+            snapshot.camera_q_world,
+            points,
+            self._first,
+        )
+        for c, region in enumerate(self._regions):
+            if region is not None and visible[c].any():
+                visible[c] &= region.contains(snapshot.target_p_world)
+        return visible
