@@ -78,6 +78,38 @@ def _points_world(target_p: Array, target_q: Array, features: Array, first: IntA
     return out
 
 
+@njit(cache=True)
+def _sight_lines(visible: BoolArray, camera_p: Array, points: Array, first: IntArray) -> tuple[Array, Array]:
+    """Both ends (K, 3) of the sight lines of all visible pairs, in the order of the pairs."""
+    count = 0
+    for c in range(visible.shape[0]):
+        for m in range(visible.shape[1]):
+            if visible[c, m]:
+                count += first[m + 1] - first[m]
+    origins, ends = np.empty((count, 3)), np.empty((count, 3))
+    k = 0
+    for c in range(visible.shape[0]):
+        for m in range(visible.shape[1]):
+            if visible[c, m]:
+                for f in range(first[m], first[m + 1]):
+                    origins[k], ends[k] = camera_p[c], points[f]
+                    k += 1
+    return origins, ends
+
+
+@njit(cache=True)
+def _hide(visible: BoolArray, clear: BoolArray, first: IntArray) -> None:
+    """Unset the pairs of which some sight line, in the order of ``_sight_lines``, is not clear."""
+    k = 0
+    for c in range(visible.shape[0]):
+        for m in range(visible.shape[1]):
+            if visible[c, m]:
+                for _ in range(first[m], first[m + 1]):
+                    if not clear[k]:
+                        visible[c, m] = False
+                    k += 1
+
+
 class VisibilityTest:
     """Visibility of M targets from C cameras.
 
@@ -118,17 +150,9 @@ class VisibilityTest:
         visible = self._in_view(snapshot, points)
         if rays_clear is None:
             return visible
-        pairs = np.argwhere(visible)
-        if len(pairs) == 0:
-            return visible
-        first = self._first
-        lines = np.concatenate([points[first[m] : first[m + 1]] for _, m in pairs])
-        counts = np.diff(first)[pairs[:, 1]]
-        origins = np.repeat(snapshot.camera_p_world[pairs[:, 0]], counts, axis=0)
-        clear = np.asarray(rays_clear(origins, lines), dtype=np.bool_)
-        blocked = np.zeros(len(pairs), dtype=np.int64)
-        np.add.at(blocked, np.repeat(np.arange(len(pairs)), counts), ~clear)
-        visible[pairs[:, 0], pairs[:, 1]] = blocked == 0
+        origins, ends = _sight_lines(visible, snapshot.camera_p_world, points, self._first)
+        if len(origins):
+            _hide(visible, np.asarray(rays_clear(origins, ends), dtype=np.bool_), self._first)
         return visible
 
     def _points(self, snapshot: Snapshot) -> Array:
@@ -145,7 +169,8 @@ class VisibilityTest:
             points,
             self._first,
         )
-        for c, region in enumerate(self._regions):
-            if region is not None and visible[c].any():
+        for c in visible.any(axis=1).nonzero()[0]:
+            region = self._regions[c]
+            if region is not None:
                 visible[c] &= region.contains(snapshot.target_p_world)
         return visible
