@@ -13,10 +13,12 @@ __all__ = ["RoadTarget", "TargetClass", "TargetSettings", "TrackTarget", "Vector
 
 
 class VectorFieldTarget(Settings):
-    """A differential-drive robot that steers along a smooth planar vector field (spec 01, experiment 1).
+    """A differential-drive robot that steers along a smooth planar vector field (parikh2018, experiment 1).
 
     ``field: loop`` circulates along the closed road named by ``road``; ``field: wave`` is a fixed analytic field
-    around ``center_m`` with size ``scale_m``.
+    around ``center_m`` that keeps within ``scale_m`` of it. ``speed_mps`` is the mean speed; it varies by the fraction
+    ``speed_modulation``, smoothly with the place. ``motor_lag_s`` > 0 gives the robot a memory, so that its velocity
+    is no longer a function of its pose.
     """
 
     kind: Literal["vector_field"]
@@ -27,6 +29,10 @@ class VectorFieldTarget(Settings):
     speed_mps: Positive = 0.35
     attraction_per_s: Positive = 0.5
     heading_gain_per_s: Positive = 2.0
+    speed_modulation: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    wheel_base_m: Positive = 0.23
+    wheel_speed_max_mps: Positive | None = None
+    motor_lag_s: NonNegative = 0.0
 
 
 class RoadTarget(Settings):

@@ -1,0 +1,71 @@
+"""What every kind of target motion offers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from camnet.types import Array, Twist
+
+__all__ = ["TargetMotion", "TargetState", "planar_state"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TargetState:
+    """Pose and velocity of one target, and what its class keeps for itself.
+
+    Attributes
+    ----------
+    p_world : (3,) m, on the ground
+    q_world : (4,) body (x forward, z up) to world, scalar first, continuous in sign
+    v_world : (3,) m/s
+    w_body : (3,) rad/s
+    internal : (k,) the class's own state, opaque to others
+    """
+
+    p_world: Array
+    q_world: Array
+    v_world: Array
+    w_body: Array
+    internal: Array
+
+
+class TargetMotion(Protocol):
+    """How one target moves: pure functions of the state, the time and a generator."""
+
+    @property
+    def v_max_mps(self) -> float:
+        """Bound on the linear speed, m/s: no state exceeds it."""
+
+    @property
+    def w_max_radps(self) -> float:
+        """Bound on the angular speed, rad/s: no state exceeds it."""
+
+    def reset(self, rng: np.random.Generator) -> TargetState:
+        """Return the state at time 0."""
+
+    def step(self, state: TargetState, t_s: float, dt_s: float, rng: np.random.Generator) -> TargetState:
+        """Advance from ``t_s`` to ``t_s + dt_s``."""
+
+    def velocity(self, p_world: Array, q_world: Array, t_s: float) -> Twist | None:
+        """Return the true velocity (world frame, body frame) at a pose, or None where pose does not decide it."""
+
+
+def planar_state(
+    x: float, y: float, z: float, heading: float, v: float, w: float, internal: tuple[float, ...]
+) -> TargetState:
+    """Return the state of a vehicle that drives forward at ``v`` m/s and turns at ``w`` rad/s.
+
+    ``heading`` (rad) is not wrapped, so that the quaternion does not jump to its negative.
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    return TargetState(
+        p_world=np.array([x, y, z]),
+        q_world=np.array([math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)]),
+        v_world=np.array([v * c, v * s, 0.0]),
+        w_body=np.array([0.0, 0.0, w]),
+        internal=np.array(internal),
+    )

@@ -1,0 +1,135 @@
+"""A differential-drive robot that steers along a planar vector field (the target of parikh2018, experiment 1).
+
+| symbol | name | unit |
+| --- | --- | --- |
+| (x, y), theta | position and heading | m, rad |
+| psi(x, y), s(x, y) | direction and speed that the field wants | rad, m/s |
+| k | heading gain | 1/s |
+| v, w | forward and turning speed: ``x' = v cos theta``, ``y' = v sin theta``, ``theta' = w`` | m/s, rad/s |
+| b | distance between the wheels; their rims run at ``v -+ w b/2`` | m |
+
+``v = s`` and ``w = k (psi - theta) + grad psi . (x', y')``. The second term makes ``theta = psi`` an invariant set: the
+heading error obeys ``e' = -k e`` exactly, and once it has died the velocity is a function of position alone, which is
+what the published estimator learns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from camnet.geometry import rotations
+from camnet.motion.fields import PlanarField
+from camnet.motion.protocol import TargetState, planar_state
+from camnet.types import Array, Twist
+
+__all__ = ["Drive", "VectorFieldMotion"]
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What the robot's drive can do.
+
+    Attributes
+    ----------
+    v_max_mps, w_max_radps : bounds on forward and turning speed
+    wheel_base_m : distance between the wheels
+    wheel_max_mps : fastest that a wheel's rim can run
+    lag_s : time constant of the motors; 0 is none
+    """
+
+    v_max_mps: float
+    w_max_radps: float
+    wheel_base_m: float
+    wheel_max_mps: float
+    lag_s: float
+
+    def limited(self, v: float, w: float) -> tuple[float, float]:
+        """Return the nearest speeds that the drive can run, keeping the curvature when the wheels are the limit."""
+        v = min(v, self.v_max_mps)
+        w = min(max(w, -self.w_max_radps), self.w_max_radps)
+        fastest = abs(v) + abs(w) * 0.5 * self.wheel_base_m
+        if fastest > self.wheel_max_mps:
+            v, w = v * self.wheel_max_mps / fastest, w * self.wheel_max_mps / fastest
+        return v, w
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class VectorFieldMotion:
+    """The robot; ``internal`` holds heading (not wrapped), v and w.
+
+    Attributes
+    ----------
+    field : the vector field
+    drive : limits of the robot
+    heading_gain_per_s : k
+    start : (x, y) m and heading rad; None for the heading takes the field's
+    start_curve : (m, 2) points of which one is drawn where ``start`` is None
+    """
+
+    field: PlanarField
+    drive: Drive
+    heading_gain_per_s: float
+    start: tuple[float, float] | None
+    start_heading_rad: float | None
+    start_points: Array
+
+    @property
+    def v_max_mps(self) -> float:
+        """Bound on the linear speed, m/s."""
+        return self.drive.v_max_mps
+
+    @property
+    def w_max_radps(self) -> float:
+        """Bound on the angular speed, rad/s."""
+        return self.drive.w_max_radps
+
+    def reset(self, rng: np.random.Generator) -> TargetState:
+        """Return the state at time 0: at the given start, or drawn from the start points."""
+        if self.start is None:
+            x, y = self.start_points[int(rng.integers(len(self.start_points)))].tolist()
+        else:
+            x, y = self.start
+        heading = self.start_heading_rad
+        theta = self.field.guide(x, y).direction if heading is None else heading
+        v, w = self._command(x, y, theta)
+        return planar_state(x, y, 0.0, theta, v, w, (theta, v, w))
+
+    def step(self, state: TargetState, t_s: float, dt_s: float, rng: np.random.Generator) -> TargetState:
+        """Advance by the midpoint rule (second order); motors, if they lag, by their exact first-order response."""
+        x, y, _ = state.p_world.tolist()
+        theta, v, w = state.internal.tolist()
+        if self.drive.lag_s > 0.0:
+            v_goal, w_goal = self._command(x, y, theta)
+            gain = -math.expm1(-dt_s / self.drive.lag_s)
+            v_next, w_next = v + gain * (v_goal - v), w + gain * (w_goal - w)
+            v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
+            theta_mid = theta + 0.25 * dt_s * (w + w_mid)
+        else:
+            half = 0.5 * dt_s
+            theta_mid = theta + half * w
+            x_mid, y_mid = x + half * v * math.cos(theta), y + half * v * math.sin(theta)
+            v_mid, w_mid = self._command(x_mid, y_mid, theta_mid)
+        x += dt_s * v_mid * math.cos(theta_mid)
+        y += dt_s * v_mid * math.sin(theta_mid)
+        theta += dt_s * w_mid
+        if self.drive.lag_s <= 0.0:
+            v_next, w_next = self._command(x, y, theta)
+        return planar_state(x, y, 0.0, theta, v_next, w_next, (theta, v_next, w_next))
+
+    def velocity(self, p_world: Array, q_world: Array, t_s: float) -> Twist | None:
+        """Return the velocity that the robot has at a pose; None if its motors lag, for then it has a memory."""
+        if self.drive.lag_s > 0.0:
+            return None
+        theta = float(rotations.yaw_of(q_world))
+        v, w = self._command(float(p_world[0]), float(p_world[1]), theta)
+        return Twist(np.array([v * math.cos(theta), v * math.sin(theta), 0.0]), np.array([0.0, 0.0, w]))
+
+    def _command(self, x: float, y: float, theta: float) -> tuple[float, float]:
+        psi, grad_x, grad_y, s = self.field.guide(x, y)
+        s = min(s, self.drive.v_max_mps)
+        feed_forward = s * (grad_x * math.cos(theta) + grad_y * math.sin(theta))
+        error = math.remainder(psi - theta, 2.0 * math.pi)
+        return self.drive.limited(s, self.heading_gain_per_s * error + feed_forward)
