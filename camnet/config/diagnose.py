@@ -49,8 +49,10 @@ def find(root: Node, path: FieldPath) -> Node:
 
 
 def show(value: Value) -> str:
-    """Quote a value, shortened."""
-    text = json.dumps(value, ensure_ascii=False) if not isinstance(value, str) else repr(value)
+    """Quote a value: texts whole up to a line or two, since they may be paths; the rest shortened."""
+    if isinstance(value, str):
+        return repr(value) if len(value) <= 300 else repr(value[:297]) + "..."
+    text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= 72 else text[:69] + "..."
 
 

@@ -73,11 +73,12 @@ def dump_scenario(scenario: Scenario | RecordedScenario) -> str:
     return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
 
 
-def _locate(source: str | Path) -> Path:
+def _locate(source: str | Path, folder: Path = Path()) -> Path:
+    """Find the file that a user means; relative paths start in ``folder``."""
     worlds = shipped_worlds()
     if isinstance(source, str) and source in worlds:
         return worlds[source]
-    path = Path(source)
+    path = folder / source
     try:
         if path.is_dir():
             if (path / "world.yaml").is_file():
@@ -121,9 +122,8 @@ def _read(path: Path, depth: int) -> Node:
 
 
 def _locate_from(name: str, origin: Origin) -> Path:
-    beside = (origin.folder or Path()) / name
     try:
-        return _locate(name if name in shipped_worlds() else beside)
+        return _locate(name, origin.folder or Path())
     except ConfigError as error:
         raise ConfigError(f"{origin}: {error}") from None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,18 +13,23 @@ from camnet.config.units import split_unit
 
 __all__ = ["json_schema"]
 
+_PARTIAL = "Partial"
+
 
 def json_schema() -> dict[str, Any]:
     """Return the schema (draft 2020-12) that a world file, a recording or a recipe fulfils.
 
     Descriptions are the docstrings of the settings classes; numbers also name their unit. A recipe may leave out
-    every section, because the world that it names has them.
+    whatever the world that it names has, at any depth.
     """
     schema = TypeAdapter(Scenario | RecordedScenario).json_schema()
     definitions: dict[str, Any] = schema["$defs"]
-    definitions["Recipe"] = _recipe(definitions["Scenario"])
+    definitions["RecordedScenario"]["required"].remove("data")  # usually given with --set
     for definition in definitions.values():
         _describe_units(definition)
+    partial = {f"{_PARTIAL}{name}": _partial(definition) for name, definition in definitions.items()}
+    definitions["Recipe"] = _recipe(partial.pop(f"{_PARTIAL}Scenario"))
+    definitions.update(partial)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "camnet world file or recipe",
@@ -34,13 +38,31 @@ def json_schema() -> dict[str, Any]:
     }
 
 
-def _recipe(scenario: dict[str, Any]) -> dict[str, Any]:
-    recipe = copy.deepcopy(scenario)
-    recipe["title"] = "Recipe"
-    recipe["description"] = "Sections merged over the world that ``world`` names (a shipped name, or a path)."
-    recipe["properties"]["world"] = {"type": "string", "title": "World"}
-    recipe["required"] = ["world"]
-    return recipe
+def _recipe(partial: dict[str, Any]) -> dict[str, Any]:
+    world = {"type": "string", "title": "World", "description": "a shipped world's name, or a path"}
+    return {
+        **partial,
+        "title": "Recipe",
+        "description": "Sections merged over the world that ``world`` names.",
+        "properties": {"world": world, **partial["properties"]},
+        "required": ["world"],
+    }
+
+
+def _partial(schema: Any) -> Any:  # noqa: ANN401 - any part of a schema
+    """Copy a part of a schema with nothing required, for what is merged over something else."""
+    if isinstance(schema, list):
+        return [_partial(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    copied = {key: _partial(item) for key, item in schema.items() if key not in ("required", "discriminator")}
+    if "oneOf" in copied:  # without its kind, a mapping may fit several members of a union
+        copied["anyOf"] = copied.pop("oneOf")
+    if "$ref" in copied:
+        copied["$ref"] = copied["$ref"].replace("#/$defs/", f"#/$defs/{_PARTIAL}")
+    if "name" in copied.get("properties", {}):
+        copied["properties"]["remove"] = {"const": True, "description": "take the item of this name away"}
+    return copied
 
 
 def _describe_units(definition: dict[str, Any]) -> None:
