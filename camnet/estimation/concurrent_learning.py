@@ -37,7 +37,7 @@ from camnet.estimation.selection import DOptimalRule, SelectionRule, SmallestEig
 from camnet.estimation.settings import EstimatorSettings, StackSettings
 from camnet.estimation.stack import Change, HistoryStack
 from camnet.geometry.rotations_compiled import align_sign, normalise
-from camnet.types import Array
+from camnet.types import Array, IntArray
 
 __all__ = ["SWITCHING", "MotionModel", "correct_pose", "implicit_step", "make_rule", "switching"]
 
@@ -53,7 +53,7 @@ LAYER_SHARE = 0.05
 def switching(x: float, code: int, layer: float) -> float:
     """Sgn(x), or one of its continuous stand-ins with boundary layer ``layer``."""
     if code == 0:
-        return float(np.sign(x))
+        return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
     if code == 1:
         return min(1.0, max(-1.0, x / layer))
     return math.tanh(x / layer)
@@ -78,14 +78,14 @@ def correct_pose(
     share = -math.expm1(-k1 * dt)
     q_aligned = align_sign(q_measured, q)
     error = np.empty(7)
+    p_next, q_next = np.empty(3), np.empty(4)
     for i in range(3):
         error[i] = p_measured[i] - p[i]
+        p_next[i] = p[i] + share * error[i] + dt * k2 * switching(error[i], code, layer)
     for i in range(4):
         error[3 + i] = q_aligned[i] - q[i]
-    step = np.empty(7)
-    for i in range(7):
-        step[i] = share * error[i] + dt * k2 * switching(error[i], code, layer)
-    return p + step[0:3], normalise(q + step[3:7]), error
+        q_next[i] = q[i] + share * error[3 + i] + dt * k2 * switching(error[3 + i], code, layer)
+    return p_next, normalise(q_next), error
 
 
 @njit(cache=True)
@@ -93,9 +93,11 @@ def output_error(error: Array, q: Array, stacked: bool) -> Array:
     """G(q)^T eta_til (8,), padded with zeros: the pose error as seen by the model's outputs."""
     out = np.zeros(COLUMNS)
     if stacked:
-        out[0:7] = error
+        for i in range(7):
+            out[i] = error[i]
         return out
-    out[0:3] = error[0:3]
+    for i in range(3):
+        out[i] = error[i]
     a, b, c, d = 0.5 * error[3], 0.5 * error[4], 0.5 * error[5], 0.5 * error[6]
     out[3] = -q[1] * a + q[0] * b + q[3] * c - q[2] * d
     out[4] = -q[2] * a - q[3] * b + q[0] * c + q[1] * d
@@ -107,6 +109,7 @@ def output_error(error: Array, q: Array, stacked: bool) -> Array:
 def implicit_step(
     weights: Array,
     inverse: Array,
+    touched: IntArray,
     moment: Array,
     sigma: Array,
     error: Array,
@@ -117,18 +120,29 @@ def implicit_step(
     bound: float,
     layer: float,
 ) -> Array:
-    """Weights (p, 8) after ``dt``; ``inverse`` is (I + dt kCL gamma (Psi + delta I))^-1, ``error`` (8,) G^T eta_til."""
+    """Weights (p, 8) after ``dt``; ``inverse`` is (I + dt kCL gamma (Psi + delta I))^-1, ``error`` (8,) G^T eta_til.
+
+    ``touched`` lists the kernels that occur in Psi; for the others the inverse is diagonal, and only they are done
+    singly. With private models most kernels belong to other regions.
+    """
     p = weights.shape[0]
+    n = len(touched)
     right = np.empty((p, COLUMNS))
+    after = np.empty((p, COLUMNS))
     for k in range(p):
         for o in range(COLUMNS):
             right[k, o] = weights[k, o] + dt * gamma * (sigma[k] * error[o] + kcl * moment[k, o])
-    after = np.zeros((p, COLUMNS))
-    for i in range(p):
-        for k in range(p):
+            after[k, o] = inverse[k, k] * right[k, o]
+    for a in range(n):
+        i = touched[a]
+        row = np.zeros(COLUMNS)
+        for b in range(n):
+            k = touched[b]
             m = inverse[i, k]
             for o in range(COLUMNS):
-                after[i, o] += m * right[k, o]
+                row[o] += m * right[k, o]
+        for o in range(COLUMNS):
+            after[i, o] = row[o]
     project_step(weights, after, outputs, bound, layer)
     return after
 
@@ -165,6 +179,7 @@ class MotionModel:
         self._none = np.zeros(kernels)
         self._no_error = np.zeros(COLUMNS)
         self._changes = 0
+        self._touched: IntArray = np.zeros(0, dtype=np.int64)
 
     def _rate(self, dt_s: float) -> float:
         return dt_s * self._settings.kcl * self._settings.gamma
@@ -192,6 +207,7 @@ class MotionModel:
         for row, sign in change:
             rank_one(self._inverse, root * row, sign)
             self._changes += 1
+        self._touched = np.union1d(self._touched, np.flatnonzero(change[0][0]))
         if self._changes >= REFRESH_EVERY:
             self._changes = 0
             self._inverse = self._exact_inverse(self._dt)
@@ -207,6 +223,7 @@ class MotionModel:
         self.weights = implicit_step(
             self.weights,
             self._inverse,
+            self._touched,
             self._moment,
             self._none if sigma is None else sigma,
             self._no_error if error is None else error,
@@ -232,6 +249,7 @@ class MotionModel:
             self.weights = implicit_step(
                 self.weights,
                 inverse,
+                self._touched,
                 self._moment,
                 self._none,
                 self._no_error,

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from camnet.errors import ConfigError
 from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
@@ -30,54 +29,48 @@ __all__ = ["ConstantVelocityEKF", "coast", "predict_covariances", "update_positi
 #: uncertainty of the velocities at the first measurement
 START_SPEED_MPS = 1.0
 START_RATE_RADPS = 2.0
+_EYE = np.eye(3)
+#: blocks of the process noise of (dtheta, dw): dt^3/3, dt^2/2 and dt multiply them
+_NOISE_0 = np.kron([[1.0, 0.0], [0.0, 0.0]], _EYE)
+_NOISE_1 = np.kron([[0.0, 1.0], [1.0, 0.0]], _EYE)
+_NOISE_2 = np.kron([[0.0, 0.0], [0.0, 1.0]], _EYE)
 
 
-@njit(cache=True)
 def predict_covariances(
     cov_p: Array, cov_q: Array, w: Array, dt: float, rho_p: float, rho_q: float
 ) -> tuple[Array, Array]:
     """Covariances (2, 2) and (6, 6) after ``dt`` seconds without measurement."""
-    f = np.array([[1.0, dt], [0.0, 1.0]])
-    noise = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-    big = np.zeros((6, 6))
-    big[0:3, 0:3] = to_matrix(exp(-dt * w))
-    for i in range(3):
-        big[i, 3 + i] = dt
-        big[3 + i, 3 + i] = 1.0
-    out = big @ cov_q @ big.T
-    for i in range(3):
-        out[i, i] += rho_q * noise[0, 0]
-        out[i, 3 + i] += rho_q * noise[0, 1]
-        out[3 + i, i] += rho_q * noise[1, 0]
-        out[3 + i, 3 + i] += rho_q * noise[1, 1]
-    return f @ cov_p @ f.T + rho_p * noise, out
+    a, b, c = cov_p[0, 0], cov_p[0, 1], cov_p[1, 1]
+    n0, n1 = dt**3 / 3.0, dt**2 / 2.0
+    b_next = b + dt * c + rho_p * n1
+    cov_p_next = np.array([[a + 2.0 * dt * b + dt * dt * c + rho_p * n0, b_next], [b_next, c + rho_p * dt]])
+    f = np.eye(6)
+    f[0:3, 0:3] = to_matrix(exp(-dt * w))
+    f[0:3, 3:6] = dt * _EYE
+    noise = n0 * _NOISE_0 + n1 * _NOISE_1 + dt * _NOISE_2
+    return cov_p_next, f @ cov_q @ f.T + rho_q * noise
 
 
-@njit(cache=True)
-def update_position(
-    p: Array, v: Array, cov: Array, measured: Array, variance: float
-) -> tuple[Array, Array, Array]:
+def update_position(p: Array, v: Array, cov: Array, measured: Array, variance: float) -> tuple[Array, Array, Array]:
     """Kalman update of (p, v) with a measured position (3,)."""
     s = cov[0, 0] + variance
     k0, k1 = cov[0, 0] / s, cov[1, 0] / s
     e = measured - p
-    gain = np.array([[1.0 - k0, 0.0], [-k1, 1.0]])
-    after = gain @ cov @ gain.T + variance * np.array([[k0 * k0, k0 * k1], [k0 * k1, k1 * k1]])
+    after = np.array([[(1.0 - k0) * cov[0, 0], (1.0 - k0) * cov[0, 1]], [0.0, cov[1, 1] - k1 * cov[0, 1]]])
+    after[1, 0] = after[0, 1]
     return p + k0 * e, v + k1 * e, after
 
 
-@njit(cache=True)
 def _update_orientation(
     q: Array, w: Array, cov: Array, measured: Array, variance: float
 ) -> tuple[Array, Array, Array]:
     """Kalman update of (q, w) with a measured orientation (4,)."""
     e = log(multiply(conjugate(q), measured))
-    s = cov[0:3, 0:3] + variance * np.eye(3)
-    gain = np.ascontiguousarray(cov[:, 0:3]) @ np.linalg.inv(s)
+    gain = np.linalg.solve(cov[0:3, 0:3] + variance * _EYE, cov[0:3, :]).T
     left = np.eye(6)
     left[:, 0:3] -= gain
-    after = left @ cov @ left.T + variance * gain @ gain.T
     step = gain @ e
+    after = left @ cov @ left.T + variance * gain @ gain.T
     return normalise(multiply(q, exp(step[0:3]))), w + step[3:6], after
 
 

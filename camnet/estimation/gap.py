@@ -55,27 +55,30 @@ def fit_motion(t: Array, p: Array, q: Array, t_eval: float) -> tuple[Array, Arra
     the position moved along the arc, from the middle of the data to ``t_eval``.
     """
     n = len(t)
-    t_mid = t.mean()
-    variance = 0.0
+    t_mid, variance = 0.0, 0.0
+    for i in range(n):
+        t_mid += t[i] / n
     for i in range(n):
         variance += (t[i] - t_mid) ** 2 / n
     q_ref = q[n // 2]
     q_ref_inverse = conjugate(q_ref)
-    p_mean, v, turn, w = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    p_eval, v, turn, w, late_turn = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(n):
         angle = log(multiply(q_ref_inverse, q[i]))
         for a in range(3):
-            p_mean[a] += p[i, a] / n
+            p_eval[a] += p[i, a] / n
             v[a] += (t[i] - t_mid) * p[i, a] / (n * variance)
             turn[a] += angle[a] / n
             w[a] += (t[i] - t_mid) * angle[a] / (n * variance)
     late = t_eval - t_mid
     q_mid = multiply(q_ref, exp(turn))
     w_world = rotate(q_mid, w)
-    v_eval = rotate(exp(late * w_world), v)
-    acceleration = np.cross(w_world, v)
-    p_eval = p_mean + late * v + 0.5 * (late * late - variance) * acceleration
-    return p_eval, multiply(q_mid, exp(late * w)), v_eval, w
+    arc = 0.5 * (late * late - variance)
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        p_eval[a] += late * v[a] + arc * (w_world[b] * v[c] - w_world[c] * v[b])
+        late_turn[a] = late * w[a]
+    return p_eval, multiply(q_mid, exp(late_turn)), rotate(exp(rotate(q_mid, late_turn)), v), w
 
 
 class PoseHistory:

@@ -59,7 +59,7 @@ def model_twist(
 ) -> float:
     """Write velocity (world) and angular velocity (body) to ``twist`` (6,); return the support u in [0, 1]."""
     n, d = centres.shape
-    out = np.zeros(COLUMNS + 1)
+    out = np.zeros(COLUMNS)
     x = map_inputs(p, q, d, heading_scale)
     for k in range(n):
         quad = 0.0
@@ -84,13 +84,23 @@ def model_twist(
     for i in range(3):
         twist[i] = out[i] + rest * prior[i]
     if stacked:
-        # the 3 body rates are 2 B(q)^T times the first four of the rates [dq0..dq3] kept in columns 3..6
-        w = 2.0 * multiply(np.array([q[0], -q[1], -q[2], -q[3]]), out[3:7])[1:]
-    else:
-        w = out[3:6]
-    for i in range(3):
-        twist[3 + i] = w[i] + rest * prior[3 + i]
+        # w = 2 B(q)^T dq/dt
+        a, b, c, d2 = 2.0 * out[3], 2.0 * out[4], 2.0 * out[5], 2.0 * out[6]
+        out[3] = -q[1] * a + q[0] * b + q[3] * c - q[2] * d2
+        out[4] = -q[2] * a - q[3] * b + q[0] * c + q[1] * d2
+        out[5] = -q[3] * a + q[2] * b - q[1] * c + q[0] * d2
+    for i in range(3, 6):
+        twist[i] = out[i] + rest * prior[i]
     return support
+
+
+@njit(cache=True)
+def _turn(w: Array, dt: float) -> Array:
+    """Quaternion of a turn at the body rate ``w`` for ``dt``."""
+    turn = np.empty(3)
+    for i in range(3):
+        turn[i] = dt * w[i]
+    return exp(turn)
 
 
 @njit(cache=True)
@@ -99,7 +109,7 @@ def _move(p: Array, q: Array, twist: Array, dt: float, low: Array, high: Array) 
     p_next = np.empty(3)
     for i in range(3):
         p_next[i] = p[i] + dt * twist[i] * axis_factor(p[i], twist[i], low[i], high[i], POSE_LAYER_M)
-    return p_next, normalise(multiply(q, exp(dt * twist[3:6])))
+    return p_next, normalise(multiply(q, _turn(twist[3:6], dt)))
 
 
 @njit(cache=True)
@@ -116,9 +126,10 @@ def _carry_prior(
     """Advance the prior mean in place: it turns with the body, forgets its turn, and follows the learned motion."""
     if code == 2:
         body = rotate_inverse(q, prior[0:3])
-        prior[0:3] = rotate(multiply(q, exp(dt * prior[3:6])), body)
+        turned = rotate(multiply(q, _turn(prior[3:6], dt)), body)
         fade = math.exp(-dt / turn_memory)
         for i in range(3):
+            prior[i] = turned[i]
             prior[3 + i] *= fade
     share = support * -math.expm1(-dt / handover)
     for i in range(6):
@@ -204,6 +215,8 @@ def roll_out(
             high,
             twist,
         )
-        ps[k] = p
-        qs[k] = q
+        for i in range(3):
+            ps[k, i] = p[i]
+        for i in range(4):
+            qs[k, i] = q[i]
     return ps, qs
