@@ -21,7 +21,7 @@ from camnet.types import Array, Twist
 __all__ = ["ReplayMotion", "TrackPath"]
 
 #: points of a piece at which the largest speed is sought; the speed's square is a quartic there
-_SPEED_SAMPLES = 33
+_SPEED_SAMPLES = 65
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -27,7 +27,7 @@ _LEASH_STEPS = 4
 
 @dataclass(frozen=True, slots=True)
 class _Ahead:
-    """The point that runs ahead: road, direction on it, arc length, and how often it has changed roads."""
+    """The point that runs ahead: road, direction on it, arc length."""
 
     road: int
     forward: bool

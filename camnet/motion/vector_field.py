@@ -65,8 +65,9 @@ class VectorFieldMotion:
     field : the vector field
     drive : limits of the robot
     heading_gain_per_s : k
-    start : (x, y) m and heading rad; None for the heading takes the field's
-    start_curve : (m, 2) points of which one is drawn where ``start`` is None
+    start : (x, y) m, or None to draw one of ``start_points``
+    start_heading_rad : heading at time 0, or None for the field's
+    start_points : (m, 2) points along the path, m
     """
 
     field: PlanarField
