@@ -73,8 +73,8 @@ class WaveField:
     With ``z`` the offset from the centre over ``scale_m``, as a complex number,
     ``F = (1 - |z|^2 / r^2) z + i z + e conj(z)^2``. Its only zero in ``|z| <= 1`` is the centre, since
     ``|(1 - |z|^2/r^2) z + i z| >= |z| > e |z|^2`` for e < 1; and it points inward on ``|z| = 1``, since
-    ``1 - 1/r^2 + e < 0``. So every path but the centre's goes to a cycle (Poincare-Bendixson), inside; a robot that starts along
-    the field follows such a path exactly.
+    ``1 - 1/r^2 + e < 0``. So every path but the centre's goes to a cycle (Poincare-Bendixson), inside; a robot
+    that starts along the field follows such a path exactly.
     """
 
     center_m: tuple[float, float]
