@@ -59,10 +59,25 @@ class Frustum:
 
     @classmethod
     def from_camera(cls, camera: CameraModel) -> Frustum:
-        """Frustum of a camera model, in the camera frame."""
-        return cls.from_tangents(
-            _border_tangents(Pinhole.from_settings(camera.intrinsics)), camera.near_m, camera.far_m
-        )
+        """Frustum of a camera model, in the camera frame.
+
+        Raises
+        ------
+        WorldError
+            When the ranges are in the wrong order, or the lens distortion cannot be inverted over the image.
+        """
+        if not camera.near_m < camera.far_m:
+            raise WorldError(
+                f"camera '{camera.name}': near_m {camera.near_m:g} must be below far_m {camera.far_m:g}"
+            )
+        tangents = _border_tangents(Pinhole.from_settings(camera.intrinsics))
+        if not (np.all(np.isfinite(tangents)) and tangents[0] < tangents[1] and tangents[2] < tangents[3]):
+            raise WorldError(
+                f"camera '{camera.name}': distortion {list(camera.intrinsics.distortion)} folds the image over before "
+                "its border, so no field of view is defined; give coefficients that are valid over the whole image, "
+                "or crop width_px and height_px"
+            )
+        return cls.from_tangents(tangents, camera.near_m, camera.far_m)
 
     @classmethod
     def from_tangents(cls, tangents: ArrayLike, near_m: float, far_m: float) -> Frustum:
@@ -182,15 +197,4 @@ def _border_tangents(pinhole: Pinhole) -> Array:
     right = pinhole.normalise(np.stack([np.full(k, w), along_y], axis=1))[:, 0]
     top = pinhole.normalise(np.stack([along_x, np.zeros(k)], axis=1))[:, 1]
     bottom = pinhole.normalise(np.stack([along_x, np.full(k, h)], axis=1))[:, 1]
-    tangents = np.array([left.max(), right.min(), top.max(), bottom.min()])
-    if not (np.all(np.isfinite(tangents)) and tangents[0] < tangents[1] and tangents[2] < tangents[3]):
-        raise _not_invertible(pinhole)
-    return tangents
-
-
-def _not_invertible(pinhole: Pinhole) -> WorldError:
-    used = pinhole.distortion[: int(np.max(np.nonzero(pinhole.distortion)[0], initial=-1)) + 1]
-    return WorldError(
-        f"camera: distortion {used.tolist()} folds the image over before its border, so no field of view is defined; "
-        "give coefficients that are valid over the whole image, or crop width_px and height_px"
-    )
+    return np.array([left.max(), right.min(), top.max(), bottom.min()])

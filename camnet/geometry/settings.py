@@ -30,7 +30,7 @@ class Intrinsics(Settings):
     fy_px: Positive
     cx_px: float
     cy_px: float
-    distortion: tuple[float, ...] = ()
+    distortion: tuple[Annotated[float, Field(allow_inf_nan=False)], ...] = ()
 
 
 class CameraModel(Settings):

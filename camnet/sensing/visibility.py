@@ -169,7 +169,7 @@ class VisibilityTest:
             points,
             self._first,
         )
-        for c in visible.any(axis=1).nonzero()[0]:
+        for c in np.flatnonzero(visible.any(axis=1)):
             region = self._regions[c]
             if region is not None:
                 visible[c] &= region.contains(snapshot.target_p_world)

@@ -60,8 +60,13 @@ def test_a_distorted_frustum_is_inside_the_image():
 
 
 def test_a_lens_that_folds_over_is_refused():
-    with pytest.raises(WorldError, match=r"-0\.9.*folds the image over"):
+    with pytest.raises(WorldError, match=r"'c': distortion \[-0\.9.*folds the image over"):
         fr.Frustum.from_camera(model(distortion=(-0.9, 0.0, 0.0, 0.0)))
+
+
+def test_ranges_in_the_wrong_order_are_refused():
+    with pytest.raises(WorldError, match=r"'c': near_m 3 must be below far_m 2"):
+        fr.Frustum.from_camera(model(near=3.0, far=2.0))
 
 
 def test_signed_distance_inside_is_the_largest_ball_about_the_point():

@@ -43,7 +43,7 @@ def cloud(region, n, spread=1.0):
     return RNG.uniform(lo - spread, hi + spread, (n, 3))
 
 
-def surface_points(region, n=40_000):
+def surface_points(region, n=20_000):
     """Points on the surface, by bisection between pairs of one inside and one outside point."""
     points = cloud(region, n, 0.5)
     inside = points[region.contains(points)]
@@ -93,9 +93,9 @@ def test_signed_distance_has_unit_slope(region):
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
 def test_project_is_inside_by_the_margin_and_nothing_allowed_is_nearer(region, share):
     margin = share * region.inradius_m
-    allowed = cloud(region, 40_000, 0.0)
+    allowed = cloud(region, 20_000, 0.0)
     allowed = allowed[region.signed_distance(allowed) <= -margin]
-    for point in cloud(region, 40, 2.0):
+    for point in cloud(region, 25, 2.0):
         nearest = region.project(point, margin)
         assert region.signed_distance(nearest) <= -margin + 1e-8
         if region.signed_distance(point) <= -margin:
@@ -127,7 +127,7 @@ def test_polytope_projection_against_a_general_optimiser():
         np.testing.assert_allclose(region.project(point, 0.2), peer.x, atol=1e-5)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 0.6))
 def test_star_polygons_project_as_shapely_buffers(seed, margin):
     rng = np.random.default_rng(seed)
@@ -210,7 +210,7 @@ KINDS = ["box", "cylinder", "polytope", "prism"]
 def test_overlaps_agrees_with_sampling(first, second):
     rng = np.random.default_rng([KINDS.index(first), KINDS.index(second)])
     seen = set()
-    for _ in range(40):
+    for _ in range(25):
         a, b = random_region(rng, first), random_region(rng, second)
         lo, hi = np.maximum(a.bounds[0], b.bounds[0]), np.minimum(a.bounds[1], b.bounds[1])
         sampled = False
