@@ -28,7 +28,7 @@ def _gimbal_quaternion(yaw: float, pan: float, tilt: float) -> Array:
 def camera_motion(bodies: Array, memory: Array, offset_body: Array) -> Array:
     """Cameras (N,13) p, q (scalar first), v in the world frame, w in the camera frame.
 
-    ``bodies`` (N,13) and ``memory`` (N,13) are packed as in `camnet.control.quadrotor_kernel`; ``offset_body`` (3,)
+    ``bodies`` (N,13) and ``memory`` (N,19) are packed as in `camnet.control.quadrotor_kernel`; ``offset_body`` (3,)
     is the optical centre in the body frame, m.
     """
     out = np.empty((bodies.shape[0], 13))

@@ -3,8 +3,9 @@
 One call is one physics step of every agent: velocity command -> acceleration -> attitude and thrust -> rotor
 speeds -> force and torque on the rigid body. The compiled twin is `camnet.control.quadrotor_kernel`.
 The attitude law is the geometric one of T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a
-quadrotor UAV on SE(3)", CDC 2010, eqs. (10)-(16), with the desired angular velocity left out: what the
-attitude fails to follow is part of the disturbance d of harris2020 (4-2), which the outer loop measures.
+quadrotor UAV on SE(3)", CDC 2010, eqs. (10)-(16). The desired angular velocity is the filtered derivative of the
+desired thrust direction and its own derivative is left out: what the attitude fails to follow is part of the
+disturbance d of harris2020 (4-2), which the outer loop measures.
 
 | symbol | name | shape | unit |
 | --- | --- | --- | --- |
@@ -14,6 +15,7 @@ attitude fails to follow is part of the disturbance d of harris2020 (4-2), which
 | a | commanded acceleration | (N,3) | m/s^2 |
 | f, T | commanded specific force times mass, its part along the rotors | (N,3), (N,) | N |
 | tau | torque in the body frame | (N,3) | N m |
+| b3_d, w_d | desired thrust direction, its angular velocity, world frame | (N,3) | -, rad/s |
 | theta | gimbal joint angles yaw, pan, tilt | (N,3) | rad |
 """
 
@@ -27,7 +29,11 @@ from camnet.control import gimbal
 from camnet.geometry.rotations import to_matrix
 from camnet.types import Array
 
-__all__ = ["Command", "Memory", "QuadrotorModel", "RigidState", "mixer", "step"]
+__all__ = ["Command", "Memory", "QuadrotorModel", "RigidState", "mixer", "overdrive", "step"]
+
+#: filter and bound of the desired angular velocity
+AXIS_RATE_LAG_S = 0.02
+AXIS_RATE_MAX_RADPS = 5.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,6 +48,7 @@ class QuadrotorModel:
     torque_coefficient: float
     rotor_max_radps: float
     motor_lag_s: float
+    rotor_response_s: float
     drag_n_per_mps: Array
     gravity_mps2: float
     v_max_mps: float
@@ -67,17 +74,23 @@ class RigidState:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Memory:
-    """What rotors, gimbal and inner loop remember: ``rotor`` (N,4), ``theta``, ``theta_rate``, ``integral`` (N,3)."""
+    """What rotors, gimbal and inner loop remember.
+
+    ``rotor`` (N,4); ``theta``, ``theta_rate`` of the gimbal, velocity ``integral``, last desired ``thrust_axis`` and
+    its angular velocity ``axis_rate``, all (N,3).
+    """
 
     rotor: Array
     theta: Array
     theta_rate: Array
     integral: Array
+    thrust_axis: Array
+    axis_rate: Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Command:
-    """Input of one step, all (N,3) but ``yaw`` (N,): camera velocity, its rate of change, heading, wind."""
+    """Input of one step, all (N,3) but ``yaw`` (N,): camera velocity, feedforward acceleration, heading, wind."""
 
     v_world: Array
     a_world: Array
@@ -116,8 +129,15 @@ def _commanded_force(
     return f, integral
 
 
-def _attitude_torque(model: QuadrotorModel, r: Array, r_desired: Array, w: Array) -> Array:
-    """Body torque (N,3) that turns R towards R_d."""
+def _axis_rate(model: QuadrotorModel, memory: Memory, axis: Array) -> Array:
+    """Angular velocity (N,3) of the desired thrust direction: filtered difference, bounded."""
+    turned = np.cross(memory.thrust_axis, axis) / model.dt_s
+    rate = _lag(memory.axis_rate, turned, model.dt_s, AXIS_RATE_LAG_S)
+    return _limit(rate, AXIS_RATE_MAX_RADPS)
+
+
+def _attitude_torque(model: QuadrotorModel, r: Array, r_desired: Array, w: Array, w_desired: Array) -> Array:
+    """Body torque (N,3) that turns R towards R_d, which turns with ``w_desired`` (world frame)."""
     error = np.einsum("nji,njk->nik", r_desired, r)
     e_r = 0.5 * np.stack(
         [error[:, 2, 1] - error[:, 1, 2], error[:, 0, 2] - error[:, 2, 0], error[:, 1, 0] - error[:, 0, 1]],
@@ -125,7 +145,8 @@ def _attitude_torque(model: QuadrotorModel, r: Array, r_desired: Array, w: Array
     )
     k_r, k_w = model.attitude_radps**2, 2 * model.attitude_damping * model.attitude_radps
     j = model.inertia_kgm2
-    return j * (-k_r * e_r - k_w * w) + np.cross(w, j * w)
+    e_w = w - np.einsum("nji,nj->ni", r, w_desired)
+    return j * (-k_r * e_r - k_w * e_w) + np.cross(w, j * w)
 
 
 def _desired_attitude(f: Array, yaw: Array) -> Array:
@@ -142,6 +163,20 @@ def _lag(value: Array, goal: Array, dt_s: float, lag_s: float) -> Array:
     return goal + (value - goal) * (np.exp(-dt_s / lag_s) if lag_s > 0 else 0.0)
 
 
+def overdrive(model: QuadrotorModel) -> float:
+    """Factor by which the inner loop overdrives the rotors, so that they answer in ``rotor_response_s``."""
+    response = min(model.rotor_response_s, model.motor_lag_s)
+    if response <= 0:
+        return 1.0
+    return float(np.expm1(-model.dt_s / response) / np.expm1(-model.dt_s / model.motor_lag_s))
+
+
+def _turn_rotors(model: QuadrotorModel, rotor: Array, wanted: Array) -> Array:
+    """Rotor speeds after a step: the lag of the motors, driven beyond the wanted speed within its limits."""
+    command = np.clip(rotor + overdrive(model) * (wanted - rotor), 0.0, model.rotor_max_radps)
+    return _lag(rotor, command, model.dt_s, model.motor_lag_s)
+
+
 def step(
     model: QuadrotorModel, state: RigidState, memory: Memory, command: Command
 ) -> tuple[Array, Array, Memory]:
@@ -154,11 +189,13 @@ def step(
     w = np.einsum("nji,nj->ni", r, state.w_world)
     f, integral = _commanded_force(model, state, memory, command, r)
     thrust = np.einsum("ni,ni->n", f, r[:, :, 2])
-    tau = _attitude_torque(model, r, _desired_attitude(f, command.yaw), w)
+    r_desired = _desired_attitude(f, command.yaw)
+    axis_rate = _axis_rate(model, memory, r_desired[:, :, 2])
+    tau = _attitude_torque(model, r, r_desired, w, axis_rate)
     allocation = mixer(model)
     wanted = np.linalg.solve(allocation, np.concatenate([thrust[:, None], tau], axis=1).T).T
     rotor_command = np.sqrt(np.clip(wanted, 0.0, model.rotor_max_radps**2))
-    rotor = _lag(memory.rotor, rotor_command, model.dt_s, model.motor_lag_s)
+    rotor = _turn_rotors(model, memory.rotor, rotor_command)
     made = rotor**2 @ allocation.T
     air = np.einsum("nji,nj->ni", r, state.v - command.wind)
     body_force = -model.drag_n_per_mps * air
@@ -175,4 +212,4 @@ def step(
         model.gimbal_lag_s,
         model.gimbal_pan_max_rad,
     )
-    return force_world, torque_world, Memory(rotor, theta, rate, integral)
+    return force_world, torque_world, Memory(rotor, theta, rate, integral, r_desired[:, :, 2], axis_rate)

@@ -3,9 +3,10 @@
 | array | row of one agent |
 | --- | --- |
 | ``bodies`` (N,13) | p (3), q as x y z w (4; the engine's order), v (3), w_world (3) |
-| ``memory`` (N,13), updated in place | rotor speeds (4), gimbal angles (3), gimbal rates (3), velocity integral (3) |
-| ``command`` (N,13) | camera velocity (3), its rate of change (3), camera angular velocity (3), yaw (1), wind (3) |
-| ``constants`` (24,) | see `pack_model` |
+| ``memory`` (N,19), updated in place | rotor speeds (4), gimbal angles (3) and rates (3), velocity integral (3),
+| | desired thrust direction (3) and its angular velocity (3) |
+| ``command`` (N,13) | camera velocity (3), reference acceleration (3), camera angular velocity (3), yaw, wind (3) |
+| ``constants`` (26,) | see `pack_model` |
 | ``wrench`` (N,6), written | force (3) and torque (3), world frame |
 """
 
@@ -16,13 +17,20 @@ import math
 import numpy as np
 from numba import njit
 
-from camnet.control.quadrotor import QuadrotorModel
+from camnet.control.quadrotor import AXIS_RATE_LAG_S, AXIS_RATE_MAX_RADPS, QuadrotorModel, overdrive
 from camnet.types import Array
 
-__all__ = ["MEMORY", "hold_command", "pack_model", "step_packed"]
+__all__ = ["MEMORY", "pack_model", "step_packed"]
 
 #: columns of ``memory``
-MEMORY = {"rotor": slice(0, 4), "theta": slice(4, 7), "theta_rate": slice(7, 10), "integral": slice(10, 13)}
+MEMORY = {
+    "rotor": slice(0, 4),
+    "theta": slice(4, 7),
+    "theta_rate": slice(7, 10),
+    "integral": slice(10, 13),
+    "thrust_axis": slice(13, 16),
+    "axis_rate": slice(16, 19),
+}
 
 
 def pack_model(model: QuadrotorModel) -> Array:
@@ -34,27 +42,9 @@ def pack_model(model: QuadrotorModel) -> Array:
     scalars += [m.torque_coefficient, m.rotor_max_radps, rotor_decay, *m.drag_n_per_mps, m.gravity_mps2]
     scalars += [m.v_max_mps, m.a_max_mps2, m.velocity_gain_per_s, m.velocity_integral_per_s2]
     scalars += [m.attitude_radps**2, 2 * m.attitude_damping * m.attitude_radps]
-    scalars += [m.gimbal_rate_max_radps, gimbal_decay, m.gimbal_pan_max_rad]
+    scalars += [m.gimbal_rate_max_radps, gimbal_decay, m.gimbal_pan_max_rad, overdrive(m)]
+    scalars += [math.exp(-m.dt_s / AXIS_RATE_LAG_S), AXIS_RATE_MAX_RADPS]
     return np.array(scalars)
-
-
-@njit(cache=True)
-def hold_command(
-    command: Array, v_world: Array, w_cam: Array, wind: Array, dt_s: float, a_max: float, decay: float
-) -> None:
-    """Write a new camera command into ``command`` (N,13) for one control period of ``dt_s``.
-
-    The rate of change of the velocity command, at most ``a_max`` and behind a first-order lag of ``decay`` per
-    period, goes to the inner loop as feedforward.
-    """
-    for n in range(command.shape[0]):
-        row = command[n]
-        change = (v_world[n] - row[0:3]) / dt_s
-        size = _norm3(change[0], change[1], change[2])
-        scale = a_max / size if size > a_max else 1.0
-        for i in range(3):
-            row[3 + i] = scale * change[i] + (row[3 + i] - scale * change[i]) * decay
-            row[i], row[6 + i], row[10 + i] = v_world[n, i], w_cam[n, i], wind[n, i]
 
 
 @njit(cache=True)
@@ -102,7 +92,22 @@ def _commanded_force(body: Array, memory: Array, command: Array, r: Array, c: Ar
 
 
 @njit(cache=True)
-def _attitude_torque(r: Array, f: Array, yaw: float, w: Array, c: Array) -> Array:
+def _turn_axis(memory: Array, axis: Array, c: Array) -> None:
+    """Remember the desired thrust direction and its angular velocity, filtered and bounded."""
+    dt, decay, fastest = c[0], c[24], c[25]
+    old, rate = memory[13:16], memory[16:19]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turned = (old[j] * axis[k] - old[k] * axis[j]) / dt
+        rate[i] = turned + (rate[i] - turned) * decay
+    size = _norm3(rate[0], rate[1], rate[2])
+    if size > fastest:
+        rate *= fastest / size
+    old[:] = axis
+
+
+@njit(cache=True)
+def _attitude_torque(r: Array, f: Array, yaw: float, w: Array, memory: Array, c: Array) -> Array:
     """Body torque towards the attitude whose z axis is along f and whose x axis heads to yaw."""
     size = _norm3(f[0], f[1], f[2])
     d = np.empty((3, 3))
@@ -119,12 +124,16 @@ def _attitude_torque(r: Array, f: Array, yaw: float, w: Array, c: Array) -> Arra
     for i in range(3):
         for j in range(3):
             e[i, j] = d[0, i] * r[0, j] + d[1, i] * r[1, j] + d[2, i] * r[2, j]
+    _turn_axis(memory, d[:, 2], c)
     k_r, k_w = c[18], c[19]
+    e_w = np.empty(3)
+    for i in range(3):
+        e_w[i] = w[i] - r[0, i] * memory[16] - r[1, i] * memory[17] - r[2, i] * memory[18]
     jx, jy, jz = c[2], c[3], c[4]
     tau = np.empty(3)
-    tau[0] = jx * (-k_r * 0.5 * (e[2, 1] - e[1, 2]) - k_w * w[0]) + (jz - jy) * w[1] * w[2]
-    tau[1] = jy * (-k_r * 0.5 * (e[0, 2] - e[2, 0]) - k_w * w[1]) + (jx - jz) * w[2] * w[0]
-    tau[2] = jz * (-k_r * 0.5 * (e[1, 0] - e[0, 1]) - k_w * w[2]) + (jy - jx) * w[0] * w[1]
+    tau[0] = jx * (-k_r * 0.5 * (e[2, 1] - e[1, 2]) - k_w * e_w[0]) + (jz - jy) * w[1] * w[2]
+    tau[1] = jy * (-k_r * 0.5 * (e[0, 2] - e[2, 0]) - k_w * e_w[1]) + (jx - jz) * w[2] * w[0]
+    tau[2] = jz * (-k_r * 0.5 * (e[1, 0] - e[0, 1]) - k_w * e_w[2]) + (jy - jx) * w[0] * w[1]
     return tau
 
 
@@ -139,6 +148,7 @@ def _turn_rotors(memory: Array, thrust: float, tau: Array, c: Array) -> Array:
         spin = 1.0 if i % 2 == 0 else -1.0
         square = 0.25 * (thrust / k + sy * tau[0] / (arm * k) - sx * tau[1] / (arm * k) + spin * tau[2] / kq)
         goal = math.sqrt(min(max(square, 0.0), fastest * fastest))
+        goal = min(max(memory[i] + c[23] * (goal - memory[i]), 0.0), fastest)
         speed = goal + (memory[i] - goal) * decay
         memory[i] = speed
         lift = k * speed * speed
@@ -186,7 +196,7 @@ def step_packed(bodies: Array, memory: Array, command: Array, constants: Array, 
             w[i] = r[0, i] * body[10] + r[1, i] * body[11] + r[2, i] * body[12]
         f = _commanded_force(body, mem, cmd, r, c)
         thrust = f[0] * r[0, 2] + f[1] * r[1, 2] + f[2] * r[2, 2]
-        made = _turn_rotors(mem, thrust, _attitude_torque(r, f, cmd[9], w, c), c)
+        made = _turn_rotors(mem, thrust, _attitude_torque(r, f, cmd[9], w, mem, c), c)
         for i in range(3):
             air = 0.0
             for j in range(3):

@@ -28,10 +28,13 @@ class CameraCommand:
     ----------
     v_world : (N,3) linear velocity of the optical centre in the world frame, m/s
     w_cam : (N,3) angular velocity of the camera frame, in the camera frame, rad/s
+    a_world : (N,3) acceleration of the reference, m/s^2 (None: zero): feedforward for the quadrotors' inner loop,
+        which without it lags behind a velocity command that changes
     """
 
     v_world: Array
     w_cam: Array
+    a_world: Array | None = None
 
     @staticmethod
     def zeros(n: int) -> CameraCommand:

@@ -24,7 +24,8 @@ class QuadrotorSettings(Settings):
 
     The inner loop turns a velocity command into rotor speeds: ``velocity_gain_per_s`` and
     ``velocity_integral_per_s2`` make an acceleration, ``attitude_hz`` and ``attitude_damping`` place the poles of
-    the attitude loop. ``height_m`` is the body's height for collisions.
+    the attitude loop; ``rotor_response_s`` is how fast it asks the rotors to answer, overdriving motors of a longer
+    lag. ``height_m`` is the body's height for collisions.
     """
 
     mass_kg: Positive = 1.0
@@ -35,13 +36,13 @@ class QuadrotorSettings(Settings):
     torque_nm_per_rad2ps2: Positive = 1.0e-7
     rotor_max_radps: Positive = 900.0
     motor_lag_s: NonNegative = 0.03
+    rotor_response_s: NonNegative = 0.01
     drag_n_per_mps: Vector3 = (0.15, 0.15, 0.2)
     v_max_mps: Positive = 2.5
     a_max_mps2: Positive = 5.0
     velocity_gain_per_s: Positive = 5.0
     velocity_integral_per_s2: NonNegative = 3.0
-    feedforward_lag_s: NonNegative = 0.02
-    attitude_hz: Positive = 3.0
+    attitude_hz: Positive = 3.5
     attitude_damping: Positive = 0.9
 
 
@@ -53,7 +54,7 @@ class GimbalSettings(Settings):
     """
 
     rate_max_radps: Positive = 3.0
-    lag_s: NonNegative = 0.02
+    lag_s: NonNegative = 0.005
     pan_max_rad: Annotated[float, Field(gt=0, lt=1.5)] = 1.4
     offset_m: Vector3 = (0.0, 0.0, -0.05)
 

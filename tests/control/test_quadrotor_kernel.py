@@ -21,6 +21,7 @@ def make_model(**changes) -> QuadrotorModel:
         torque_coefficient=1e-7,
         rotor_max_radps=900.0,
         motor_lag_s=0.03,
+        rotor_response_s=0.01,
         drag_n_per_mps=np.array([0.15, 0.1, 0.2]),
         gravity_mps2=9.81,
         v_max_mps=2.5,
@@ -48,19 +49,19 @@ def test_kernel_equals_numpy(scale, lags):
         scale * rng.normal(size=(n, 3)),
         scale * rng.normal(size=(n, 3)),
     )
-    memory = Memory(*(scale * rng.normal(size=(n, k)) for k in (4, 3, 3, 3)))
+    memory = Memory(*(scale * rng.normal(size=(n, k)) for k in (4, 3, 3, 3, 3, 3)))
     command = Command(*(scale * rng.normal(size=s) for s in ((n, 3), (n, 3), (n, 3), n, (n, 3))))
     force, torque, after = step(model, state, memory, command)
 
     bodies = np.hstack([state.p, np.roll(state.q, -1, axis=1), state.v, state.w_world])
-    packed = np.hstack([memory.rotor, memory.theta, memory.theta_rate, memory.integral])
+    packed = np.hstack([getattr(memory, name) for name in MEMORY])
     packed_command = np.hstack(
         [command.v_world, command.a_world, command.w_cam, command.yaw[:, None], command.wind]
     )
     wrench = np.full((n, 6), np.nan)
     step_packed(bodies, packed, packed_command, pack_model(model), wrench)
     np.testing.assert_allclose(wrench, np.hstack([force, torque]), rtol=1e-9, atol=1e-9)
-    for name in ("rotor", "theta", "theta_rate", "integral"):
+    for name in MEMORY:
         np.testing.assert_allclose(packed[:, MEMORY[name]], getattr(after, name), rtol=1e-9, atol=1e-9)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pybullet as pb
 
 from camnet.control.quadrotor import QuadrotorModel
-from camnet.control.quadrotor_kernel import hold_command, pack_model, step_packed
+from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed
 from camnet.types import Array
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
@@ -27,6 +27,7 @@ def model_from_settings(physics: PhysicsSettings) -> QuadrotorModel:
         torque_coefficient=q.torque_nm_per_rad2ps2,
         rotor_max_radps=q.rotor_max_radps,
         motor_lag_s=q.motor_lag_s,
+        rotor_response_s=q.rotor_response_s,
         drag_n_per_mps=np.array(q.drag_n_per_mps),
         gravity_mps2=physics.gravity_mps2,
         v_max_mps=q.v_max_mps,
@@ -44,7 +45,7 @@ def model_from_settings(physics: PhysicsSettings) -> QuadrotorModel:
 class Flight:
     """The full rigid-body actuation of N agents.
 
-    ``bodies`` (N,13) and ``memory`` (N,13) are the packed state of `camnet.control.quadrotor_kernel`.
+    ``bodies`` (N,13) and ``memory`` (N,19) are the packed state of `camnet.control.quadrotor_kernel`.
     """
 
     def __init__(self, engine: Engine, physics: PhysicsSettings, control_dt_s: float) -> None:
@@ -53,8 +54,6 @@ class Flight:
         self._model = model_from_settings(physics)
         self._constants = pack_model(self._model)
         self._control_dt_s = control_dt_s
-        lag = physics.quadrotor.feedforward_lag_s
-        self._feedforward_decay = float(np.exp(-control_dt_s / lag)) if lag > 0 else 0.0
         self._numbers: list[int] = []
 
     def reset(
@@ -67,7 +66,8 @@ class Flight:
             self._engine.make_free(number, self._model.mass_kg, self._model.inertia_kgm2.tolist())
             self._engine.place(number, p_world[i].tolist(), xyzw(q[i]))
             pb.resetBaseVelocity(number, (0, 0, 0), (0, 0, 0), self._engine.client)
-        self.memory = np.zeros((n, 13))
+        self.memory = np.zeros((n, 19))
+        self.memory[:, MEMORY["thrust_axis"]] = (0.0, 0.0, 1.0)
         lift = self._model.mass_kg * self._model.gravity_mps2 / 4.0
         self.memory[:, :4] = np.sqrt(lift / self._model.thrust_coefficient)
         self._command, self._wrench = np.zeros((n, 13)), np.zeros((n, 6))
@@ -89,11 +89,12 @@ class Flight:
         self.bodies = np.array(rows).reshape(len(rows), 13)
 
     def _prepare(self, command: CameraCommand) -> None:
-        """Hold the command, its rate of change and the wind for one control period."""
-        wind = self._wind(self._physics.wind, self._control_dt_s)
-        limit = self._model.a_max_mps2
-        held = (command.v_world, command.w_cam, wind, self._control_dt_s, limit, self._feedforward_decay)
-        hold_command(self._command, *held)
+        """Hold the command, its feedforward and the wind for one control period."""
+        held = self._command
+        held[:, :3] = command.v_world
+        held[:, 3:6] = 0.0 if command.a_world is None else command.a_world
+        held[:, 6:9] = command.w_cam
+        held[:, 10:13] = self._wind(self._physics.wind, self._control_dt_s)
 
     def _wind(self, wind: WindSettings, dt: float) -> Array:
         """Mean wind plus a first-order Gauss-Markov gust of each agent, (N,3)."""

@@ -100,7 +100,10 @@ class PyBulletWorld:
 
     def _check_command(self, command: CameraCommand) -> None:
         shape = (len(self.agent_names), 3)
-        for name, value in (("v_world", command.v_world), ("w_cam", command.w_cam)):
+        for name in ("v_world", "w_cam", "a_world"):
+            value = getattr(command, name)
+            if value is None:
+                continue
             if value.shape != shape:
                 raise WorldError(f"command.{name} has shape {value.shape}, should be {shape}")
             if not np.isfinite(value).all():

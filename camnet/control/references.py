@@ -1,0 +1,140 @@
+"""C1 references of N cameras (harris2020, Assumption 4.1): from setpoints at decision rate to motion at control rate.
+
+The position moves with bounded speed and acceleration and never leaves the agent's region shrunk by a margin; the
+proof is in `camnet.control.reference_kernel`. The margin is there for what the body strays from its reference:
+by `camnet.control.monitor` at most the measured error. The orientation is that of filtered gaze angles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camnet.control.paths import Paths
+from camnet.control.reference_kernel import gaze_motion, gaze_step, position_step
+from camnet.control.settings import ControllerSettings
+from camnet.control.sliding_mode import Reference
+from camnet.errors import ConfigError
+from camnet.geometry.polytope import PolytopeRegion
+from camnet.geometry.regions import CylinderRegion, PrismRegion, Region
+from camnet.types import Array
+
+__all__ = ["ReferenceGenerator", "ReferenceState", "RegionBounds"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ReferenceState:
+    """``p_world``, ``v_world``, ``a_world`` (N,3) of the references; ``gaze``, ``gaze_rate`` (N,2): pan and tilt."""
+
+    p_world: Array
+    v_world: Array
+    gaze: Array
+    gaze_rate: Array
+    a_world: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RegionBounds:
+    """A region for the kernels: half-spaces (F,4), disc (3,) (radius 0: none), polygon (K,2) (empty: none)."""
+
+    planes: Array
+    disc: Array
+    polygon: Array
+
+    @staticmethod
+    def of(region: Region | None) -> RegionBounds:
+        """Bounds whose intersection is exactly ``region`` (None: all space)."""
+        none = np.zeros((0, 2))
+        if region is None:
+            return RegionBounds(np.zeros((0, 4)), np.zeros(3), none)
+        if isinstance(region, PolytopeRegion):
+            return RegionBounds(np.column_stack([region.A, region.b]), np.zeros(3), none)
+        low, high = region.bounds
+        axes = np.vstack([np.column_stack([-np.eye(3), -low]), np.column_stack([np.eye(3), high])])
+        if isinstance(region, CylinderRegion):
+            return RegionBounds(axes[[2, 5]], np.array([*region.center[:2], region.radius_m]), none)
+        if isinstance(region, PrismRegion):
+            return RegionBounds(axes[[2, 5]], np.zeros(3), region.vertices)
+        return RegionBounds(axes, np.zeros(3), none)
+
+
+class ReferenceGenerator:
+    """References of N agents.
+
+    Parameters
+    ----------
+    settings : speed, acceleration, rate and margin
+    regions : one per agent (None: unbounded)
+    yaw_rad : (N,) headings for which pan and tilt are meant, kept constant
+    dt_s : control period
+
+    Raises
+    ------
+    ConfigError
+        A region is too thin for the margin.
+    """
+
+    def __init__(
+        self, settings: ControllerSettings, regions: Sequence[Region | None], yaw_rad: Array, dt_s: float
+    ) -> None:
+        self._margin = settings.region_margin_m
+        for region in regions:
+            if region is not None and region.inradius_m < self._margin:
+                raise ConfigError(
+                    f"controller.region_margin_m = {self._margin:g} leaves nothing of region {region.name!r}, "
+                    f"whose largest inscribed ball has radius {region.inradius_m:g} m"
+                )
+        self._regions = tuple(regions)
+        self._bounds = tuple(RegionBounds.of(r) for r in regions)
+        self._paths = tuple(Paths(b, self._margin) if len(b.polygon) else None for b in self._bounds)
+        self._yaw = np.asarray(yaw_rad, dtype=float)
+        s = settings
+        gains = (s.reference_position_gain_per_s, s.reference_velocity_gain_per_s)
+        self._limits = np.array(
+            [s.reference_v_max_mps, s.reference_a_max_mps2, *gains, s.reference_jerk_max_mps3]
+        )
+        self._gaze_limits = (s.reference_w_max_radps, s.reference_w_acceleration_radps2, s.gaze_gain_per_s)
+        self._gaze_max = s.gaze_max_rad
+        self._dt = dt_s
+        self._asked: list[Array | None] = [None] * len(self._regions)
+        self._goals = np.zeros((len(self._regions), 3))
+
+    def start(self, p_world: Array, gaze: Array | None = None) -> ReferenceState:
+        """Start at rest at ``p_world`` (N,3), looking along ``gaze`` (N,2; default straight down)."""
+        n = len(self._regions)
+        self._asked = [None] * n
+        look = np.zeros((n, 2)) if gaze is None else np.array(gaze, dtype=float)
+        return ReferenceState(
+            np.array(p_world, dtype=float), np.zeros((n, 3)), look, np.zeros((n, 2)), np.zeros((n, 3))
+        )
+
+    def _goal(self, i: int, setpoint: Array, p: Array) -> Array:
+        """Nearest admissible point to the setpoint; around reflex corners the next corner on the way."""
+        region, paths = self._regions[i], self._paths[i]
+        asked = self._asked[i]
+        if asked is None or not np.array_equal(asked, setpoint):
+            self._asked[i] = setpoint.copy()
+            self._goals[i] = setpoint if region is None else region.project(setpoint, self._margin)
+        return self._goals[i] if paths is None else paths.next_point(p, self._goals[i])
+
+    def step(self, state: ReferenceState, setpoint_p: Array, setpoint_gaze: Array) -> ReferenceState:
+        """Advance by one control period towards setpoints ``setpoint_p`` (N,3), ``setpoint_gaze`` (N,2)."""
+        p, v, a = state.p_world.copy(), state.v_world.copy(), state.a_world.copy()
+        gaze, rate = state.gaze.copy(), state.gaze_rate.copy()
+        look = np.minimum(np.maximum(setpoint_gaze, -self._gaze_max), self._gaze_max)
+        for i, b in enumerate(self._bounds):
+            goal = self._goal(i, setpoint_p[i], p[i])
+            bounds = (self._margin, b.planes, b.disc, b.polygon)
+            position_step(p[i], v[i], goal, *bounds, self._limits, self._dt, a[i])
+            gaze_step(gaze[i], rate[i], look[i], *self._gaze_limits, self._dt)
+        return ReferenceState(p, v, gaze, rate, a)
+
+    def reference(self, state: ReferenceState) -> Reference:
+        """Pose and exact velocity of the references in ``state``."""
+        n = len(self._regions)
+        turning = np.empty((n, 7))
+        for i in range(n):
+            turning[i] = gaze_motion(state.gaze[i], state.gaze_rate[i], self._yaw[i])
+        return Reference(state.p_world, turning[:, :4], state.v_world, turning[:, 4:], state.a_world)
