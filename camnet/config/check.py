@@ -217,18 +217,19 @@ def _target_numbers(path: FieldPath, target: TargetSettings) -> Iterator[Problem
 
 
 def _rates(scenario: Scenario) -> Iterator[Problem]:
-    step_hz = scenario.physics.step_hz
-    rates: Iterable[tuple[FieldPath, float]] = (
-        (("controller", "rate_hz"), scenario.controller.rate_hz),
-        (("sensing", "rate_hz"), scenario.sensing.rate_hz),
-        (("run", "decision_hz"), scenario.run.decision_hz),
-        (("run", "log_hz"), scenario.run.log_hz),
+    """Each clock ticks a whole number of times for every tick of the slower one that it drives."""
+    control, decision = ("controller", "rate_hz"), ("run", "decision_hz")
+    pairs: Iterable[tuple[FieldPath, float, FieldPath, float]] = (
+        (control, scenario.controller.rate_hz, ("physics", "step_hz"), scenario.physics.step_hz),
+        (("sensing", "rate_hz"), scenario.sensing.rate_hz, control, scenario.controller.rate_hz),
+        (decision, scenario.run.decision_hz, control, scenario.controller.rate_hz),
+        (("run", "log_hz"), scenario.run.log_hz, decision, scenario.run.decision_hz),
     )
-    for path, rate in rates:
-        ratio = step_hz / rate
+    for path, slow, driver, fast in pairs:
+        ratio = fast / slow
         if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
-            advice = f"must divide physics.step_hz = {step_hz} into whole steps"
-            yield Problem(path, show(rate), advice)
+            advice = f"{field_text(driver)} = {fast:g} must be a whole multiple of it"
+            yield Problem(path, show(slow), advice)
 
 
 def _flight(scenario: Scenario) -> Iterator[Problem]:

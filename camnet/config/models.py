@@ -68,12 +68,14 @@ class Occluder(Settings):
 class HandoffSettings(Settings):
     """How handoffs are predicted and counted.
 
-    A handoff counts as completed when the target is seen within ``grace_s`` of entering another region.
+    A handoff counts as completed when the target is seen within ``grace_s`` of entering another region. Every
+    ``replan_s`` the prediction is rolled out ``lookahead_s`` ahead in steps of ``rollout_dt_s``.
     """
 
     grace_s: Positive = 2.0
     lookahead_s: Positive = 40.0
-    uncertainty_growth_mps: NonNegative = 0.05
+    replan_s: Positive = 0.5
+    rollout_dt_s: Positive = 0.2
 
 
 class RunSettings(Settings):

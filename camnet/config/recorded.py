@@ -10,10 +10,11 @@ from pydantic import Field
 
 from camnet.config.diagnose import Problem, raise_problems, show
 from camnet.config.yaml_nodes import Node
+from camnet.estimation.crossing.settings import CrossingSettings
 from camnet.importers.krtd import KrtdCamera, read_krtd
 from camnet.importers.tracks import Origin, TrackOptions, read_tracks
 from camnet.motion.track import Track
-from camnet.settings import NonNegative, Positive, Settings
+from camnet.settings import Positive, Settings
 
 __all__ = ["CameraFiles", "GeodeticOrigin", "RecordedScenario", "TrackFiles", "check_recorded"]
 
@@ -41,21 +42,21 @@ class CameraFiles(Settings):
 
 
 class TrackFiles(Settings):
-    """Recorded tracks: one file in the data folder, with the tracks of all targets."""
+    """Recorded tracks: one file in the data folder, with the tracks of all targets.
+
+    A visit ends where fixes lie more than ``max_fix_interval_s`` apart: what the logger missed is no gap between
+    cameras.
+    """
 
     file: Path
     format: Literal["csv", "gpx", "fcd", "eth"] = "csv"
-    max_fix_interval_s: Positive = 30.0
-    ground_height_m: float | None = None
+    max_fix_interval_s: Positive = 120.0
 
 
 class RecordedScenario(Settings):
     """Recorded targets seen by surveyed cameras, learned from and predicted through the gaps between them.
 
-    Attributes
-    ----------
-    target_height_m : height above the ground of the point that must be in view
-    min_gap_s, max_gap_s : shorter times out of view are no gap; longer ones end the visit
+    ``target_height_m`` is the z, in the cameras' local frame, of the point that must be in view.
     """
 
     name: str
@@ -66,9 +67,8 @@ class RecordedScenario(Settings):
     cameras: CameraFiles = CameraFiles()
     tracks: TrackFiles
     origin: GeodeticOrigin | None = None
-    target_height_m: NonNegative = 1.0
-    min_gap_s: NonNegative = 0.0
-    max_gap_s: Positive = 3600.0
+    target_height_m: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    crossing: CrossingSettings = CrossingSettings()
 
     def camera_files(self) -> tuple[Path, ...]:
         """Return the camera files of the recording, sorted."""
@@ -80,10 +80,14 @@ class RecordedScenario(Settings):
         return tuple(read_krtd(path, *size) for path in self.camera_files())
 
     def read_tracks(self) -> tuple[Track, ...]:
-        """Read all tracks, whole; DataError names the file and line of what is wrong."""
+        """Read all tracks, one for each visit; DataError names the file and line of what is wrong."""
         where = self.origin
         local = None if where is None else Origin(where.latitude_deg, where.longitude_deg, where.altitude_m)
-        return read_tracks(self.tracks.file, self.tracks.format, TrackOptions(origin=local))
+        return read_tracks(
+            self.tracks.file,
+            self.tracks.format,
+            TrackOptions(local, max_gap_s=self.tracks.max_fix_interval_s),
+        )
 
 
 def check_recorded(scenario: RecordedScenario, root: Node) -> None:
@@ -106,10 +110,6 @@ def _problems(scenario: RecordedScenario) -> Iterator[Problem]:
     if cameras.near_m >= cameras.range_cap_m:
         yield Problem(
             ("cameras", "range_cap_m"), show(cameras.range_cap_m), f"must exceed near_m = {cameras.near_m}"
-        )
-    if scenario.min_gap_s >= scenario.max_gap_s:
-        yield Problem(
-            ("max_gap_s",), show(scenario.max_gap_s), f"must exceed min_gap_s = {scenario.min_gap_s}"
         )
     if scenario.tracks.format in ("csv", "gpx") and scenario.origin is None:
         yield Problem(
