@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
-from camnet.geometry.frustum import footprint
+from camnet.geometry.frustum import Frustum
 from camnet.report.run_data import RunData
 from camnet.report.style import CAMERA_COLOURS, FILTER_COLOURS, figure_style, save
 from camnet.simulation.network import Network
@@ -23,7 +23,7 @@ __all__ = ["draw_network", "view_footprint", "write_map"]
 def view_footprint(network: Network, camera: int, p_world: Array, q_world: Array) -> Array:
     """Footprint (K,2) of a camera's view volume at the height of the targets' features, m."""
     height = float(np.mean([t.features_m[:, 2].mean() for t in network.description.targets]))
-    return footprint(network.cameras[camera], p_world, q_world, height)
+    return Frustum.from_camera(network.cameras[camera]).in_world(p_world, q_world).footprint(height)
 
 
 def draw_network(axes: Axes, network: Network) -> None:
@@ -35,7 +35,8 @@ def draw_network(axes: Axes, network: Network) -> None:
         colour = CAMERA_COLOURS[j % len(CAMERA_COLOURS)]
         axes.add_patch(Polygon(region.footprint(), facecolor=colour, alpha=0.10, edgecolor="none", zorder=1))
         axes.add_patch(Polygon(region.footprint(), fill=False, edgecolor=colour, linewidth=1.4, zorder=2))
-        axes.annotate(region.name, region.center[:2], ha="center", va="center", color=colour, fontsize=9)
+        corner = (region.bounds[0, 0], region.bounds[1, 1])
+        axes.annotate(region.name, corner, textcoords="offset points", xytext=(4, -12), color=colour, fontsize=9)
     for k, spec in enumerate(network.description.cameras):
         colour = CAMERA_COLOURS[(network.n_agents + k) % len(CAMERA_COLOURS)]
         outline = view_footprint(network, network.n_agents + k, spec.p_world, spec.q_world)

@@ -1,7 +1,8 @@
 """Who does what: the handoff rule of the built-in system.
 
 Every agent looks only at estimates. In order: follow a target believed to be inside its region; go to the
-predicted entry of the target that arrives first; else loiter (harris2020, section 4.1).
+predicted entry of the target that arrives first; else loiter (harris2020, section 4.1). An estimate whose error
+radius exceeds the region's size says nothing of use: the agent then loiters, which is where it sees most.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ def assign(
     entries: Sequence[Sequence[Entry | None]],
     inside: BoolArray,
     seen_by: BoolArray,
+    radius_limit_m: Array,
 ) -> list[Task]:
     """Give every agent its task.
 
@@ -49,8 +51,11 @@ def assign(
     entries : ``entries[m][j]``, predicted entry of target m into region j
     inside : (M, N) whether the estimate of target m lies in region j
     seen_by : (N, M) whether agent j measures target m now
+    radius_limit_m : (N,) error radius from which an estimate is of no use to agent j, m
     """
-    return [_task(j, estimates, entries, inside[:, j], seen_by[j]) for j in range(inside.shape[1])]
+    return [
+        _task(j, estimates, entries, inside[:, j], seen_by[j], float(limit)) for j, limit in enumerate(radius_limit_m)
+    ]
 
 
 def _task(
@@ -58,14 +63,15 @@ def _task(
     estimates: Sequence[TargetEstimate],
     entries: Sequence[Sequence[Entry | None]],
     inside: BoolArray,
-    seen: Array | BoolArray,
+    seen: BoolArray,
+    limit: float,
 ) -> Task:
-    present = np.flatnonzero(inside)
-    if present.size:  # a target in view before one only believed to be there, then the one best known
+    present = [m for m in np.flatnonzero(inside) if seen[m] or estimates[m].radius_m <= limit]
+    if present:  # a target in view before one only believed to be there, then the one best known
         m = min(present, key=lambda i: (not seen[i], estimates[i].radius_m))
         return Task(Role.TRACK, int(m))
-    coming = [(entry.direct, entry, m) for m, row in enumerate(entries) if (entry := row[j]) is not None]
+    coming = [(entry, m) for m, row in enumerate(entries) if (entry := row[j]) and entry.radius_m <= limit]
     if coming:
-        _, entry, m = min(coming, key=lambda item: (not item[0], item[1].t_s))
+        entry, m = min(coming, key=lambda item: (not item[0].direct, item[0].t_s))
         return Task(Role.INTERCEPT, m, entry)
     return Task(Role.LOITER)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from camnet.estimation.basis import Basis
+from camnet.estimation.basis import RbfBasis
 from camnet.estimation.ekf import ConstantVelocityEKF
 from camnet.estimation.ideal import IdealPredictor
 from camnet.estimation.learning_estimator import LearningEstimator
@@ -28,7 +28,7 @@ FILTERS = ("learned", "printed", "ekf", "ideal")
 def build_filter(
     name: str,
     settings: EstimatorSettings,
-    basis: Basis,
+    basis: RbfBasis,
     n_regions: int,
     rate_hz: float,
     bounds: Array,
@@ -45,10 +45,10 @@ def build_filter(
     true_twist : the truth at a time, for the ideal predictor alone
     """
     if name == "ekf":
-        return ConstantVelocityEKF(rate_hz=rate_hz)
+        return ConstantVelocityEKF(settings.ekf, rate_hz)
     if name == "ideal":
-        return IdealPredictor(true_twist, rate_hz=rate_hz)
+        return IdealPredictor(true_twist, settings, rate_hz)
     if name == "printed":
         bare = GapSettings(prior="none", learn_across=False)
         settings = settings.model_copy(update={"gap": bare})
-    return LearningEstimator(settings, basis, n_regions, rate_hz, bounds)
+    return LearningEstimator(settings, basis, n_regions, rate_hz, bounds, name)

@@ -9,6 +9,7 @@ Rates: physics inside the world, control at ``controller.rate_hz``, sensing at `
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from camnet.control.monitor import DisturbanceMonitor
 from camnet.control.references import ReferenceGenerator
 from camnet.control.sliding_mode import SlidingModeController
 from camnet.errors import ConfigError
+from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.visibility import VisibilityTest
@@ -25,8 +27,10 @@ from camnet.simulation.entries import Entry, predict_entries
 from camnet.simulation.filters import build_filter
 from camnet.simulation.handoff import HandoffTracker
 from camnet.simulation.network import Network
+from camnet.simulation.certificates import network_certificates
+from camnet.simulation.statistics import RunStatistics
 from camnet.types import Array, BoolArray, PoseMeasurement, Snapshot, Twist
-from camnet.world.protocol import World
+from camnet.world.protocol import CameraCommand, World
 
 __all__ = ["NetworkSimulation", "Setpoints"]
 
@@ -61,6 +65,7 @@ class NetworkSimulation:
             [target.features_m for target in network.description.targets],
             [*network.regions[: network.n_agents], *(None for _ in scenario.fixed_cameras)],
         )
+        self._certificates = network_certificates(network)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -71,10 +76,14 @@ class NetworkSimulation:
         )
         self.snapshot: Snapshot = self.world.reset(world_rng)
         self.count = 0
-        self._controller = SlidingModeController(scenario.controller, network.n_agents)
+        self._controller = SlidingModeController(scenario.controller)
         self._references = ReferenceGenerator(
-            scenario.controller, [a.region for a in network.description.agents], self.snapshot
+            scenario.controller,
+            [a.region for a in network.description.agents],
+            np.array([a.start_yaw_rad for a in network.description.agents]),
+            self.control_dt_s,
         )
+        self._reference_state = self._references.start(self.snapshot.camera_p_world[: network.n_agents])
         self._sensor = PoseSensor(scenario.sensing, network.n_targets, len(network.cameras))
         self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
         self.filters: dict[str, list[TargetFilter]] = {
@@ -83,6 +92,9 @@ class NetworkSimulation:
         self.trackers = [HandoffTracker(m, scenario.handoff.grace_s) for m in range(network.n_targets)]
         self.visible: BoolArray = np.zeros((len(network.cameras), network.n_targets), dtype=bool)
         self.target_region = np.full(network.n_targets, -1)
+        self._entries: list[list[Entry | None]] = []
+        self._next_plan_s = -math.inf
+        self.statistics = RunStatistics(self, self._certificates)
         self._sense()
 
     def _filter(self, name: str, m: int) -> TargetFilter:
@@ -114,16 +126,22 @@ class NetworkSimulation:
                 self._sense()
 
     def _control_step(self, setpoints: Setpoints) -> None:
-        if self.network.n_agents == 0:
-            command = self._controller.rest()
-        else:
-            reference = self._references.step(setpoints.p_world, setpoints.gaze_rad, self.control_dt_s)
-            command = self._controller.command(self.snapshot, reference)
+        n = self.network.n_agents
+        reference = self._references.reference(self._reference_state)
         before = self.snapshot
+        control = self._controller.control(before.camera_p_world[:n], before.camera_q_world[:n], reference)
+        command = CameraCommand(control.v_world, control.w_cam)
         self.snapshot = self.world.step(command)
         self.count += 1
-        if self.network.n_agents:
-            self.disturbance.update(before, self.snapshot, command, self._references.current)
+        self.disturbance.update(before, self.snapshot, control)
+        self._reference_state = self._references.step(
+            self._reference_state, setpoints.p_world, setpoints.gaze_rad
+        )
+        self.statistics.after_control(self)
+
+    def reference_p_world(self, j: int) -> Array:
+        """Return the present position reference (3,) of agent ``j``, m."""
+        return self._reference_state.p_world[j]
 
     def _sense(self) -> None:
         snapshot = self.snapshot
@@ -138,6 +156,7 @@ class NetworkSimulation:
                 else:
                     self.filters[name][m].correct(best, best.camera)
             tracker.update(snapshot.t_s, int(self.target_region[m]), self.seen_by(m))
+        self.statistics.after_sense(self)
 
     def _locate_targets(self) -> None:
         self.target_region[:] = -1
@@ -149,18 +168,34 @@ class NetworkSimulation:
         cameras = np.flatnonzero(self.visible[:, m])
         return int(cameras[0]) if cameras.size else -1
 
+    def agents_outside(self) -> BoolArray:
+        """Which agents (N,) are outside their operating regions."""
+        regions, p_world = self.network.regions, self.snapshot.agent_p_world
+        return np.array([not regions[j].contains(p) for j, p in enumerate(p_world)], dtype=bool)
+
+    def excited(self, m: int, region: int) -> bool:
+        """Whether finite excitation holds for the driving model of target ``m`` in ``region``."""
+        driving = self.driving[m]
+        if not isinstance(driving, LearningEstimator):
+            return False
+        return math.isfinite(driving.model(region).excited_s())
+
     def rollout(self, m: int) -> Rollout:
         """Predicted future of target ``m`` by the driving estimator."""
-        return self.driving[m].rollout(self.network.scenario.handoff.lookahead_s, 0.1)
+        handoff = self.network.scenario.handoff
+        return self.driving[m].rollout(handoff.lookahead_s, handoff.rollout_dt_s)
 
     def entries(self) -> list[list[Entry | None]]:
-        """Predicted entries, ``[m][j]``, of every target into every region."""
-        known = [np.isfinite(f.estimate.last_seen_s) for f in self.driving]
-        nothing: list[Entry | None] = [None] * len(self.network.regions)
-        return [
-            predict_entries(self.rollout(m), self.network.regions) if known[m] else nothing
-            for m in range(self.network.n_targets)
-        ]
+        """Predicted entries, ``[m][j]``, of every target into every region; renewed every ``handoff.replan_s``."""
+        if self.snapshot.t_s >= self._next_plan_s:
+            self._next_plan_s = self.snapshot.t_s + self.network.scenario.handoff.replan_s - 1e-9
+            self._entries = [self._predict(m) for m in range(self.network.n_targets)]
+        return self._entries
+
+    def _predict(self, m: int) -> list[Entry | None]:
+        if not math.isfinite(self.driving[m].estimate.last_seen_s):
+            return [None] * len(self.network.regions)
+        return predict_entries(self.rollout(m), self.network.regions)
 
 
 def _nearest(measurements: list[PoseMeasurement]) -> PoseMeasurement | None:

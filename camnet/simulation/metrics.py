@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from camnet.geometry.rotations import angle_between
+from camnet.geometry.rotations_compiled import angle_between
 from camnet.types import Array, TargetEstimate
 
 __all__ = ["STEADY_LAP", "ErrorRecord", "delay_summary", "finite_or_none"]

@@ -8,12 +8,12 @@ import numpy as np
 
 from camnet.config.models import Agent, FixedCamera, Scenario
 from camnet.errors import WorldError
-from camnet.estimation.basis import Basis
+from camnet.estimation.basis import RbfBasis
 from camnet.estimation.placement import place_basis
 from camnet.geometry.regions import Region, build_region
-from camnet.geometry.frustum import frustum_corners
-from camnet.geometry.rotations import look_at, normalise, rotate
-from camnet.geometry.settings import CameraModel, Polytope
+from camnet.geometry.frustum import Frustum
+from camnet.geometry.rotations import look_at, normalise
+from camnet.geometry.settings import CameraModel
 from camnet.motion.factory import build_motion
 from camnet.types import Array
 from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, TargetSpec, WorldDescription
@@ -31,6 +31,7 @@ class Network:
     regions : C regions: operating regions of the N agents, then the view volumes of fixed cameras
     cameras : C camera models
     description : what the world needs to build its bodies
+    occluders : solids that block views
     basis : kernels of the learned motion model
     bounds : (2, 3) corners of the tracking space, m
     """
@@ -39,7 +40,8 @@ class Network:
     regions: tuple[Region, ...]
     cameras: tuple[CameraModel, ...]
     description: WorldDescription
-    basis: Basis
+    occluders: tuple[Region, ...]
+    basis: RbfBasis
     bounds: Array
 
     @property
@@ -77,14 +79,14 @@ def build_network(scenario: Scenario) -> Network:
     )
     bounds = _bounds(regions, scenario)
     cameras = tuple(spec.camera for spec in (*description.agents, *fixed))
-    basis = place_basis(scenario.estimator.basis, regions, scenario.roads, bounds)
-    return Network(scenario, regions, cameras, description, basis, bounds)
+    basis = place_basis(scenario.estimator.basis, scenario.roads, *bounds)
+    occluders = tuple(build_region(o.name, o.shape) for o in scenario.occluders)
+    return Network(scenario, regions, cameras, description, occluders, basis, bounds)
 
 
 def view_volume(spec: CameraSpec) -> Region:
     """Field-of-view volume V_c of a fixed camera: the frustum between its near and far range, world frame."""
-    corners = spec.p_world + rotate(spec.q_world, frustum_corners(spec.camera))
-    return build_region(spec.name, Polytope(type="polytope", vertices_m=tuple(map(tuple, corners.tolist()))))
+    return Frustum.from_camera(spec.camera).in_world(spec.p_world, spec.q_world).region(spec.name)
 
 
 def _agent(agent: Agent, regions: dict[str, Region], models: dict[str, CameraModel]) -> AgentSpec:

@@ -13,9 +13,9 @@ from camnet.config.models import Scenario
 from camnet.control.setpoints import intercept, loiter, track
 from camnet.simulation.coordination import Role, Task, assign
 from camnet.simulation.filters import FILTERS
+from camnet.simulation.handoff import Handoff
 from camnet.simulation.log import RunLog
 from camnet.simulation.loop import NetworkSimulation, Setpoints
-from camnet.simulation.metrics import ErrorRecord
 from camnet.simulation.network import Network, build_network
 from camnet.simulation.recorder import Recorder
 from camnet.simulation.summary import summarise
@@ -68,8 +68,6 @@ def run_network(
     """
     simulation = open_simulation(scenario, seed, filters)
     recorder = Recorder(simulation)
-    errors = {name: [ErrorRecord() for _ in simulation.trackers] for name in filters}
-    simulation.on_sense = lambda: _record_errors(simulation, errors)
     interrupted, start = False, time.perf_counter()
     try:
         _loop(simulation, recorder, scenario.run.duration_s, progress)
@@ -78,7 +76,8 @@ def run_network(
     finally:
         simulation.world.close()
     wall_s = time.perf_counter() - start
-    summary = summarise(simulation, errors, wall_s, interrupted)
+    simulation.statistics.finish()
+    summary = summarise(simulation, wall_s, interrupted)
     handoffs = [_handoff_record(simulation, h) for t in simulation.trackers for h in t.handoffs]
     return RunResult(summary, recorder.log, handoffs, simulation.network, interrupted)
 
@@ -105,7 +104,8 @@ def decide(simulation: NetworkSimulation) -> list[Task]:
     points = np.array([e.p_world for e in estimates])
     inside = np.array([r.contains(points) for r in regions]).reshape(len(regions), len(points)).T
     inside &= np.array([np.isfinite(e.last_seen_s) for e in estimates])[:, None]
-    return assign(estimates, simulation.entries(), inside, simulation.visible[: len(regions)])
+    limits = np.array([np.ptp(r.bounds, axis=0)[:2].min() / 2 for r in regions])
+    return assign(estimates, simulation.entries(), inside, simulation.visible[: len(regions)], limits)
 
 
 def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints:
@@ -128,16 +128,7 @@ def _setpoint(simulation: NetworkSimulation, j: int, task: Task) -> tuple[Array,
     return loiter(region, camera, settings)
 
 
-def _record_errors(simulation: NetworkSimulation, errors: dict[str, list[ErrorRecord]]) -> None:
-    truth = simulation.snapshot
-    for m, tracker in enumerate(simulation.trackers):
-        seen = simulation.seen_by(m) >= 0
-        for name, records in errors.items():
-            estimate = simulation.filters[name][m].estimate
-            records[m].add(tracker.lap, seen, estimate, truth.target_p_world[m], truth.target_q_world[m])
-
-
-def _handoff_record(simulation: NetworkSimulation, handoff: Any) -> dict[str, Any]:
+def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str, Any]:
     names = simulation.world.camera_names
     grace = simulation.network.scenario.handoff.grace_s
     seen = bool(np.isfinite(handoff.t_seen_s))

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
+from camnet.simulation.certificates import network_report
 from camnet.simulation.loop import NetworkSimulation
-from camnet.simulation.metrics import ErrorRecord, delay_summary
 
 __all__ = ["summarise"]
 
 
-def summarise(
-    simulation: NetworkSimulation, errors: dict[str, list[ErrorRecord]], wall_s: float, interrupted: bool
-) -> dict[str, Any]:
+def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -> dict[str, Any]:
     """Put the figures of one run together.
 
     Returns
@@ -22,34 +18,37 @@ def summarise(
     dict
         Ready for JSON. RMSE rows pool all targets; ``unseen`` is taken from the third lap on.
     """
-    rows = {name: _pooled(records).summary() for name, records in errors.items()}
-    driving = simulation.filter_names[0]
-    simulated_s = simulation.snapshot.t_s
+    statistics, simulated_s = simulation.statistics, simulation.snapshot.t_s
     return {
-        "time_in_view": simulation.time_in_view(),
-        "handoffs": {
-            "attempted": sum(t.attempted for t in simulation.trackers),
-            "completed": sum(t.completed for t in simulation.trackers),
+        **statistics.episode(simulation),
+        "baselines": statistics.baselines(simulation),
+        "dwell": _dwell(simulation),
+        "controller": simulation.disturbance.summary(),
+        "collision_list": [{"t_s": t, "bodies": [a, b]} for t, a, b in statistics.collisions],
+        "estimator": {
+            target: _finite(filter_.diagnostics())
+            for target, filter_ in zip(simulation.world.target_names, simulation.driving, strict=True)
         },
-        "reacquisition_delay_s": delay_summary(np.concatenate([t.delays_s() for t in simulation.trackers])),
-        **rows[driving],
-        "baselines": {name: row for name, row in rows.items() if name != driving},
-        "dwell": simulation.dwell_summary(),
-        "controller": simulation.controller_summary(),
-        "collisions": simulation.collision_count,
-        "region_exits": simulation.region_exits,
-        "laps": [t.lap for t in simulation.trackers],
         "simulated_s": simulated_s,
         "interrupted": interrupted,
         "real_time_factor": simulated_s / wall_s if wall_s > 0 else None,
     }
 
 
-def _pooled(records: list[ErrorRecord]) -> ErrorRecord:
-    pool = ErrorRecord()
-    for record in records:
-        pool.lap += record.lap
-        pool.seen += record.seen
-        pool.position_m += record.position_m
-        pool.angle_rad += record.angle_rad
-    return pool
+def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:
+    """The certificates' report, with what each of them saw in this run and the violations of both."""
+    report: dict[str, Any] = network_report(simulation.network)
+    summaries = [monitor.summary() for monitor in simulation.statistics.dwell]
+    for name in ("published", "sound"):
+        report[name]["run"] = [summary[name] for summary in summaries]
+    report["violations"] = sum(int(str(summary["violations"])) for summary in summaries)
+    report["broken"] = sum(int(str(summary["broken"])) for summary in summaries)
+    report["intervals"] = [
+        {key: summary[key] for key in ("intervals_on", "intervals_off", "longest_off_s", "shortest_on_s", "excited_at_s")}
+        for summary in summaries
+    ]
+    return report
+
+
+def _finite(values: dict[str, float]) -> dict[str, float | None]:
+    return {key: value if abs(value) < float("inf") else None for key, value in values.items()}

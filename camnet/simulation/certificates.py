@@ -1,0 +1,87 @@
+"""The dwell-time certificates of a network, from its scenario."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from shapely.geometry import Polygon
+
+from camnet.certification.network import (
+    DwellCertificates,
+    NetworkGap,
+    certify_dwell,
+    dwell_report,
+    estimator_bounds,
+    working_radius,
+)
+from camnet.geometry.frustum import Frustum
+from camnet.simulation.network import Network
+
+__all__ = ["feature_extent", "network_certificates", "network_gaps", "network_report", "view_radius"]
+
+
+def feature_extent(network: Network) -> float:
+    """Largest distance of a target's feature from its reference point, ``max_i ||p_mi - p_m||``, m."""
+    return max(float(np.linalg.norm(t.features_m, axis=1).max()) for t in network.description.targets)
+
+
+def view_radius(network: Network, camera: int) -> float:
+    """Radius R of the ball about the target that fits a camera's view at working range, less the extent, m."""
+    model = network.cameras[camera]
+    range_m = network.scenario.certificate.working_range_m or _working_range(network, camera)
+    half_angle = float(Frustum.from_camera(model).smallest_half_angle())
+    return working_radius([half_angle], range_m, model.near_m, model.far_m, feature_extent(network))
+
+
+def _working_range(network: Network, camera: int) -> float:
+    """Distance at which a camera watches: from the middle of its flying height, else the middle of its range."""
+    model = network.cameras[camera]
+    middle = 0.5 * (model.near_m + model.far_m)
+    if camera >= network.n_agents:
+        return middle
+    top = float(network.regions[camera].height[1]) - network.scenario.controller.region_margin_m
+    return float(np.clip(top, 1.01 * model.near_m, middle))
+
+
+def network_certificates(network: Network) -> DwellCertificates:
+    """Both certificates' dwell times for the network's smallest view and fastest target."""
+    estimator = network.scenario.estimator
+    bounds = estimator_bounds(
+        network.scenario.certificate,
+        k=estimator.k1_per_s,
+        kcl=estimator.kcl,
+        gamma=estimator.gamma,
+        alpha=estimator.alpha,
+        window_s=estimator.stack.window_s,
+        stack_size=estimator.stack.size,
+        excitation=estimator.stack.excitation_threshold,
+        weight_bound=estimator.weight_bound,
+        kernel_spacing_m=estimator.basis.spacing_m,
+        kernel_width_m=estimator.basis.width_m,
+        v_max_mps=max(t.v_max_mps for t in network.scenario.targets),
+        w_max_radps=max(t.w_max_radps for t in network.scenario.targets),
+        switching=estimator.switching,
+        switching_gain=estimator.k2,
+        boundary_layer=estimator.boundary_layer,
+    )
+    radius = min(view_radius(network, j) for j in range(len(network.cameras)))
+    return certify_dwell(bounds, radius, mobile=network.n_agents > 0, v_lo=network.scenario.certificate.v_lo)
+
+
+def network_gaps(network: Network) -> list[NetworkGap]:
+    """Distances between the places on the ground where each pair of cameras can see a target, m."""
+    top = max(float(t.features_m[:, 2].max()) for t in network.description.targets)
+    seen = [(region.name, Polygon(region.slab_outline(0.0, top))) for region in network.regions]
+    pairs = itertools.permutations([(name, shape) for name, shape in seen if not shape.is_empty], 2)
+    return [NetworkGap(a, b, float(shape_a.distance(shape_b))) for (a, shape_a), (b, shape_b) in pairs]
+
+
+def network_report(network: Network) -> dict[str, object]:
+    """The dwell-time report of ``camnet certify``."""
+    return dwell_report(
+        network_certificates(network),
+        v_max_mps=max(t.v_max_mps for t in network.scenario.targets),
+        extent_m=feature_extent(network),
+        gaps=network_gaps(network),
+    )

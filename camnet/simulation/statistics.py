@@ -1,0 +1,122 @@
+"""What is counted while a simulation runs: view time, errors, dwell times, collisions, control."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from camnet.certification.monitor import DwellMonitor
+from camnet.certification.network import DwellCertificates
+from camnet.simulation.metrics import ErrorRecord, delay_summary
+from camnet.types import Snapshot
+
+if TYPE_CHECKING:
+    from camnet.simulation.loop import NetworkSimulation
+
+__all__ = ["RunStatistics"]
+
+
+class RunStatistics:
+    """Counters of one run; fed by the loop after every control and every sensing step.
+
+    Parameters
+    ----------
+    simulation : the loop that feeds it
+    certificates : dwell times that every interval is checked against
+    """
+
+    def __init__(self, simulation: NetworkSimulation, certificates: DwellCertificates) -> None:
+        network = simulation.network
+        targets = range(network.n_targets)
+        self.errors = {name: [ErrorRecord() for _ in targets] for name in simulation.filter_names}
+        self.dwell = [
+            DwellMonitor(len(network.regions), certificates.published, certificates.sound) for _ in targets
+        ]
+        self.collisions: list[tuple[float, str, str]] = []
+        self.region_exits = 0
+        self.effort = 0.0
+        self.least_distance_m = math.inf
+        self._outside = np.zeros(network.n_agents, dtype=bool)
+        self._touching: set[tuple[str, str]] = set()
+        self._seen = self._senses = 0
+
+    def after_control(self, simulation: NetworkSimulation) -> None:
+        """Count collisions and exits (each once, when it starts), effort and distances between agents."""
+        snapshot: Snapshot = simulation.snapshot
+        touching = set(snapshot.collisions)
+        self.collisions += [(snapshot.t_s, a, b) for a, b in sorted(touching - self._touching)]
+        self._touching = touching
+        if simulation.network.n_agents:
+            self.effort += simulation.control_dt_s * float(np.vdot(snapshot.agent_v_world, snapshot.agent_v_world))
+
+    def after_sense(self, simulation: NetworkSimulation) -> None:
+        """Record errors, view time and the switching signals of every target."""
+        truth = simulation.snapshot
+        self._count_agents(simulation)
+        for m, tracker in enumerate(simulation.trackers):
+            camera = simulation.seen_by(m)
+            seen = camera >= 0
+            self._seen += seen
+            self._senses += 1
+            for name, records in self.errors.items():
+                estimate = simulation.filters[name][m].estimate
+                records[m].add(tracker.lap, seen, estimate, truth.target_p_world[m], truth.target_q_world[m])
+            errors = self.errors[simulation.filter_names[0]][m].position_m
+            region = camera if seen else int(simulation.target_region[m])
+            excited = simulation.excited(m, region) if seen else False
+            self.dwell[m].update(truth.t_s, region, seen, excited, errors[-1] if errors else 0.0)
+
+    def _count_agents(self, simulation: NetworkSimulation) -> None:
+        outside = simulation.agents_outside()
+        self.region_exits += int(np.count_nonzero(outside & ~self._outside))
+        self._outside = outside
+        p_world = simulation.snapshot.agent_p_world
+        for j in range(1, len(p_world)):
+            nearest = float(np.linalg.norm(p_world[:j] - p_world[j], axis=1).min())
+            self.least_distance_m = min(self.least_distance_m, nearest)
+
+    @property
+    def time_in_view(self) -> float:
+        """Share of target-seconds during which some camera saw the target."""
+        return self._seen / max(self._senses, 1)
+
+    def finish(self) -> None:
+        """End the run: close the dwell intervals in progress."""
+        for monitor in self.dwell:
+            monitor.close()
+
+    def episode(self, simulation: NetworkSimulation) -> dict[str, Any]:
+        """Return the figures of an episode of the environment, ready for JSON (unknown ones are None)."""
+        trackers = simulation.trackers
+        delays = np.concatenate([t.delays_s() for t in trackers])
+        driving = _pooled(self.errors[simulation.filter_names[0]])
+        return {
+            "time_in_view": self.time_in_view,
+            "handoffs": {
+                "attempted": sum(t.attempted for t in trackers),
+                "completed": sum(t.completed for t in trackers),
+            },
+            "reacquisition_delay_s": delay_summary(delays),
+            **driving.summary(),
+            "collisions": len(self.collisions),
+            "region_exits": self.region_exits,
+            "control_effort_m2ps": self.effort,
+            "least_agent_distance_m": self.least_distance_m if math.isfinite(self.least_distance_m) else None,
+            "laps": [t.lap for t in trackers],
+        }
+
+    def baselines(self, simulation: NetworkSimulation) -> dict[str, Any]:
+        """Error rows of the estimators that ran beside the driving one."""
+        return {name: _pooled(self.errors[name]).summary() for name in simulation.filter_names[1:]}
+
+
+def _pooled(records: list[ErrorRecord]) -> ErrorRecord:
+    pool = ErrorRecord()
+    for record in records:
+        pool.lap += record.lap
+        pool.seen += record.seen
+        pool.position_m += record.position_m
+        pool.angle_rad += record.angle_rad
+    return pool

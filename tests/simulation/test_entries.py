@@ -1,0 +1,44 @@
+"""Entries are where a path first meets a region, found here by stepping through it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from camnet.estimation.protocol import Rollout
+from camnet.geometry.regions import build_region
+from camnet.geometry.settings import Box
+from camnet.simulation.entries import predict_entries
+
+EAST = build_region("east", Box(min_m=(4.0, -1.0, 0.0), max_m=(6.0, 1.0, 3.0)))
+START = build_region("start", Box(min_m=(-1.0, -1.0, 0.0), max_m=(1.0, 1.0, 3.0)))
+
+
+def straight(velocity: tuple[float, float], radius_m: float = 0.0, offset_y: float = 0.0) -> Rollout:
+    t = 10.0 + 0.1 * np.arange(1, 201)
+    p = np.stack([velocity[0] * (t - 10), velocity[1] * (t - 10) + offset_y, np.zeros_like(t)], axis=1)
+    return Rollout(t, p, np.tile([1.0, 0, 0, 0], (len(t), 1)), np.full(len(t), radius_m))
+
+
+def test_a_straight_path_enters_where_and_when_it_should() -> None:
+    start, east = predict_entries(straight((0.5, 0.0)), [START, EAST])
+    assert start is None  # the path begins there
+    assert east is not None
+    assert east.direct
+    assert east.t_s == pytest.approx(18.0, abs=0.1)
+    assert east.p_world == pytest.approx([4.0, 0.0, 0.0], abs=0.06)
+    assert east.v_world == pytest.approx([0.5, 0.0, 0.0])
+
+
+def test_a_path_that_passes_by_warns_only_when_its_ball_touches() -> None:
+    passing = straight((0.5, 0.0), radius_m=0.4, offset_y=1.5)
+    assert predict_entries(passing, [EAST]) == [None]
+    touching = straight((0.5, 0.0), radius_m=0.6, offset_y=1.5)
+    (entry,) = predict_entries(touching, [EAST])
+    assert entry is not None
+    assert not entry.direct
+    assert entry.p_world[1] == pytest.approx(1.5)
+
+
+def test_a_path_that_leads_away_never_enters() -> None:
+    assert predict_entries(straight((-0.5, 0.0)), [EAST]) == [None]
