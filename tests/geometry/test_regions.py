@@ -40,11 +40,11 @@ REGIONS = [
 
 def cloud(region, n, spread=1.0):
     lo, hi = region.bounds
-    return RNG.uniform(lo - spread, hi + spread, (n, 3))
+    return np.random.default_rng(n).uniform(lo - spread, hi + spread, (n, 3))
 
 
-def surface_points(region, n=20_000):
-    """Points on the surface, by bisection between pairs of one inside and one outside point."""
+def surface_points(region, n=60_000):
+    """Points on the surface, by bisection between pairs of one inside and one outside point, and its corners."""
     points = cloud(region, n, 0.5)
     inside = points[region.contains(points)]
     outside = points[~region.contains(points)]
@@ -54,14 +54,15 @@ def surface_points(region, n=20_000):
         middle = 0.5 * (a + b)
         hit = region.contains(middle)[:, None]
         a, b = np.where(hit, middle, a), np.where(hit, b, middle)
-    return a
+    corners = getattr(region, "vertices", np.zeros((0, 3)))  # sampling misses sharp ones
+    if isinstance(region, PrismRegion):
+        corners = np.array([[x, y, z] for x, y in region.vertices for z in region.height])
+    return np.concatenate([a, corners])
 
 
 @pytest.mark.parametrize("region", REGIONS, ids=lambda r: r.name)
 def test_signed_distance_is_the_distance_to_the_surface(region):
     surface = surface_points(region)
-    if isinstance(region, PolytopeRegion):  # sampling misses sharp corners
-        surface = np.concatenate([surface, region.vertices])
     points = cloud(region, 60)
     brute = np.sqrt(np.min(np.sum((points[:, None] - surface[None]) ** 2, axis=-1), axis=1))
     distance = region.signed_distance(points)
