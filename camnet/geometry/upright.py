@@ -1,8 +1,8 @@
 """Upright solids: axis-aligned boxes, cylinders, and prisms over simple polygons.
 
-Each is its outline seen from above, times an interval of heights; so with ``d`` the signed distance to the outline and
-``v = max(z_lo - z, z - z_hi)`` the signed distance to the solid is ``max(d, v)`` inside and ``|(max(d, 0), max(v, 0))|``
-outside, exactly, and the nearest point a margin inside is found for the outline and for the height apart.
+Each is its outline seen from above, times an interval of heights; so with ``d`` the signed distance to the outline
+and ``v = max(z_lo - z, z - z_hi)`` the signed distance to the solid is ``max(d, v)`` inside and
+``|(max(d, 0), max(v, 0))|`` outside, exactly, and the nearest point a margin inside is found for the outline and for the height apart.
 """
 
 from __future__ import annotations
