@@ -2,7 +2,8 @@
 
 Each is its outline seen from above, times an interval of heights; so with ``d`` the signed distance to the outline
 and ``v = max(z_lo - z, z - z_hi)`` the signed distance to the solid is ``max(d, v)`` inside and
-``|(max(d, 0), max(v, 0))|`` outside, exactly, and the nearest point a margin inside is found for the outline and for the height apart.
+``|(max(d, 0), max(v, 0))|`` outside, exactly. The nearest point a margin inside is found for the outline and for the
+height apart.
 """
 
 from __future__ import annotations
