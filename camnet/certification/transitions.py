@@ -1,0 +1,325 @@
+r"""Verdicts for every transition of a camera network on roads, and for the network.
+
+| symbol | name | unit | meaning |
+| --- | --- | --- | --- |
+| l_max / v_lo | | s | latest re-sighting of a road-bound target |
+| Dt_off, Dt_on | ``off_max_s``, ``on_min_s`` | s | dwell times of the certificate in force |
+| r(tau) = e(tau) + rho | ``allowed_time`` | m | ball of the ``learned`` certificate; e' <= min(mu e + e_v, 2 v_max) |
+
+``sound``: a transition is certified when l_max / v_lo <= Dt_off and chord / v_max >= Dt_on. ``learned``:
+when the ball fits the next view at the latest time at which the target is where it fits best,
+(l_max + way inside) / v_lo.
+``published`` is about networks with disjoint views and is always unsatisfiable (``verdict``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from camnet.certification.growth import error_after
+from camnet.certification.road_gaps import RoadGaps
+from camnet.certification.verdict import theorem_31
+from camnet.errors import CertificateError
+from camnet.types import Array, BoolArray, IntArray
+
+__all__ = ["GrowthModel", "RoadTargetClass", "TransitionTable", "certify_roads", "network_report"]
+
+#: a tolerance of verdicts, s
+_SLACK_S = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class RoadTargetClass:
+    """Road-bound targets: speed in [v_lo, v_max] along roads, m/s, and the radius of their extent, m."""
+
+    v_lo_mps: float
+    v_max_mps: float
+    extent_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.v_lo_mps <= self.v_max_mps < math.inf:
+            raise CertificateError(
+                f"v_lo_mps = {self.v_lo_mps!r}, v_max_mps = {self.v_max_mps!r}: 0 < v_lo <= v_max is needed; "
+                "a target that may stop is never certain to be seen again"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class GrowthModel:
+    """Error growth for the ``learned`` certificate on roads.
+
+    Attributes
+    ----------
+    e0_m : position error when the target is lost
+    model_error_mps : e_v
+    mu_per_s : logarithmic norm of the learned field along the roads
+    source : where e_v comes from: ``deterministic``, ``statistical`` or ``stated``
+    """
+
+    e0_m: float
+    model_error_mps: float
+    mu_per_s: float = 0.0
+    source: str = "stated"
+
+    def allowed_time(self, radius_m: float, v_max_mps: float) -> float:
+        """Return the time until the error reaches a radius, s (inf if it never does)."""
+        if radius_m < self.e0_m:
+            return 0.0
+        horizon = 1.0
+        while self._error(horizon, v_max_mps) < radius_m:
+            horizon *= 2.0
+            if horizon > 1e7:
+                return math.inf
+        return float(brentq(lambda t: self._error(t, v_max_mps) - radius_m, 0.0, horizon, xtol=1e-10))
+
+    def largest_model_error(self, radius_m: float, time_s: float, v_max_mps: float) -> float | None:
+        """Return the largest e_v for which the error is within a radius at a time, m/s; None if there is none."""
+        at_zero = error_after(self.mu_per_s, self.e0_m, 0.0, v_max_mps, time_s)
+        if not math.isfinite(time_s) or at_zero > radius_m:
+            return None
+        if self.e0_m + 2.0 * v_max_mps * time_s <= radius_m:
+            return 2.0 * v_max_mps  # no model is needed
+        x = self.mu_per_s * time_s
+        gain = math.expm1(x) / self.mu_per_s if abs(x) > 1e-12 else time_s
+        return min((radius_m - self.e0_m * math.exp(x)) / gain, 2.0 * v_max_mps)
+
+    def _error(self, t_s: float, v_max_mps: float) -> float:
+        return error_after(self.mu_per_s, self.e0_m, self.model_error_mps, v_max_mps, t_s)
+
+
+@dataclass(frozen=True, eq=False)
+class TransitionTable:
+    """One certificate's verdicts for all transitions of ``gaps``, as arrays (T,).
+
+    Attributes
+    ----------
+    certified : verdicts
+    margin_m, margin_s : spare length and time (negative: lacking; -inf where the target may never return)
+    binding : the constraint that decides, one of ``BINDING``
+    horizon_s : time within which the estimate can be trusted after the exit
+    """
+
+    certified: BoolArray
+    margin_m: Array
+    margin_s: Array
+    binding: tuple[str, ...]
+    horizon_s: Array
+
+
+def certify_roads(
+    gaps: RoadGaps,
+    target: RoadTargetClass,
+    off_max_s: float | None,
+    on_min_s: float | None,
+    growth: GrowthModel | None = None,
+) -> dict[str, TransitionTable]:
+    """Return the ``sound`` table and, given a growth model, the ``learned`` one.
+
+    Parameters
+    ----------
+    gaps : transitions of the network
+    target : class of the targets
+    off_max_s, on_min_s : dwell times in force, or those that the designer states; None: no dwell time exists
+    growth : error growth while unseen
+    """
+    tables = {"sound": _by_dwell(gaps, target, off_max_s, on_min_s)}
+    if growth is not None:
+        tables["learned"] = _by_growth(gaps, target, on_min_s, growth)
+    return tables
+
+
+def _by_dwell(
+    gaps: RoadGaps, target: RoadTargetClass, off_max_s: float | None, on_min_s: float | None
+) -> TransitionTable:
+    off = -math.inf if off_max_s is None else off_max_s
+    on = math.inf if on_min_s is None else on_min_s
+    chord = gaps.stretches.chord_m[gaps.entry_stretch]
+    out_s = off - gaps.longest_m / target.v_lo_mps
+    in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on)
+    out_m = target.v_lo_mps * out_s
+    in_m = target.v_max_mps * in_s
+    return _table(out_s, in_s, out_m, in_m, np.full(len(chord), max(off, 0.0)), "time out of view")
+
+
+def _by_growth(
+    gaps: RoadGaps, target: RoadTargetClass, on_min_s: float | None, growth: GrowthModel
+) -> TransitionTable:
+    """Compare the time to the deepest point of the next view with the time at which the ball outgrows it there."""
+    radius, arrival = _meeting(gaps, target)
+    unique, inverse = np.unique(np.round(radius, 9), return_inverse=True)
+    allowed = np.array([growth.allowed_time(r, target.v_max_mps) for r in unique])[inverse]
+    error = np.array([growth._error(t, target.v_max_mps) if np.isfinite(t) else math.inf for t in arrival])
+    chord = gaps.stretches.chord_m[gaps.entry_stretch]
+    on = 0.0 if on_min_s is None else on_min_s
+    in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on)
+    return _table(
+        allowed - arrival, in_s, radius - error, target.v_max_mps * in_s, allowed, "size of the ball"
+    )
+
+
+def _meeting(gaps: RoadGaps, target: RoadTargetClass) -> tuple[Array, Array]:
+    """Return the ball's allowed radius in the next view (T,) and the latest time at which the target is there (T,)."""
+    seen = gaps.stretches
+    inside = seen.deepest_m[gaps.entry_stretch] - seen.start_m[gaps.entry_stretch]
+    return seen.depth_m[gaps.entry_stretch], (gaps.longest_m + inside) / target.v_lo_mps
+
+
+def _table(
+    out_s: Array, in_s: Array, out_m: Array, in_m: Array, horizon: Array, outer: str
+) -> TransitionTable:
+    margin_s, margin_m = np.minimum(out_s, in_s), np.minimum(out_m, in_m)
+    binding = np.where(out_s <= in_s, outer, "time in view").tolist()
+    return TransitionTable(margin_s >= -_SLACK_S, margin_m, margin_s, tuple(binding), horizon)
+
+
+def network_report(
+    gaps: RoadGaps,
+    tables: dict[str, TransitionTable],
+    target: RoadTargetClass,
+    cameras: Sequence[str],
+    *,
+    regions: int = 0,
+    growth: GrowthModel | None = None,
+    on_min_s: float | None = None,
+    constants: dict[str, object] | None = None,
+) -> dict[str, object]:
+    """Return the network's report as plain data for JSON; transitions between the same two cameras are joined.
+
+    Each joined transition carries the worst of its ways. ``uncertified`` lists transitions that no certificate holds
+    for, and exits from which the target may leave for good or stay unseen for ever.
+    """
+    joined = _join(gaps, tables)
+    lost = _lost_exits(gaps, cameras)
+    transitions, unmet = _transition_entries(joined, gaps, tables, target, growth, cameras)
+    return {
+        "network": {"cameras": len(cameras), "regions": regions},
+        "target_class": f"road-bound, {target.v_lo_mps:g} to {target.v_max_mps:g} m/s",
+        "certificates": {
+            "published": _published(gaps, target, on_min_s),
+            **{name: _summary(table, lost) for name, table in tables.items()},
+        },
+        "transitions": transitions,
+        "uncertified": unmet + lost,
+        "constants": constants or {},
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """Transitions between the same two cameras taken together: sorted rows and where each group starts."""
+
+    rows: IntArray
+    starts: IntArray
+    source: IntArray
+    sink: IntArray
+
+
+def _join(gaps: RoadGaps, tables: dict[str, TransitionTable]) -> dict[str, _Joined]:
+    """Group rows by cameras; for each table the row of least time comes first in its group."""
+    seen = gaps.stretches
+    source, sink = seen.exit_camera[gaps.exit_stretch], seen.entry_camera[gaps.entry_stretch]
+    out = {}
+    for name, table in tables.items():
+        rows = np.lexsort((table.margin_s, sink, source))
+        changed = (np.diff(source[rows], prepend=-1) != 0) | (np.diff(sink[rows], prepend=-1) != 0)
+        starts = np.flatnonzero(changed)
+        out[name] = _Joined(rows, starts, source[rows[starts]], sink[rows[starts]])
+    return out
+
+
+def _transition_entries(
+    joined: dict[str, _Joined],
+    gaps: RoadGaps,
+    tables: dict[str, TransitionTable],
+    target: RoadTargetClass,
+    growth: GrowthModel | None,
+    cameras: Sequence[str],
+) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
+    """Return all joined transitions, each the worst of its ways, and those that no certificate holds for."""
+    group = next(iter(joined.values()))
+    if len(group.starts) == 0:
+        return [], []
+    names = [
+        (cameras[a], cameras[b]) for a, b in zip(group.source.tolist(), group.sink.tolist(), strict=True)
+    ]
+    gap = np.minimum.reduceat(gaps.shortest_m[group.rows], group.starts).tolist()
+    longest = np.maximum.reduceat(gaps.longest_m[group.rows], group.starts).tolist()
+    parts = {name: _parts(name, joined[name], gaps, table, target, growth) for name, table in tables.items()}
+    entries: list[dict[str, object]] = []
+    unmet: list[dict[str, object]] = []
+    for i, (a, b) in enumerate(names):
+        verdicts = {name: part[i] for name, part in parts.items()}
+        entries.append({"from": a, "to": b, "gap_m": gap[i], "longest_m": _finite(longest[i]), **verdicts})
+        if all(v["verdict"] != "certified" for v in verdicts.values()):
+            unmet.append({"from": a, "to": b})
+    return entries, unmet
+
+
+def _parts(
+    name: str,
+    group: _Joined,
+    gaps: RoadGaps,
+    table: TransitionTable,
+    target: RoadTargetClass,
+    growth: GrowthModel | None,
+) -> list[dict[str, object]]:
+    """Return one certificate's entry for every joined transition."""
+    rows, starts = group.rows, group.starts
+    worst = rows[starts].tolist()
+    good = np.logical_and.reduceat(table.certified[rows], starts).tolist()
+    margin_m = np.minimum.reduceat(table.margin_m[rows], starts).tolist()
+    parts: list[dict[str, object]] = [
+        {
+            "verdict": "certified" if ok else "not certified",
+            "margin_m": _finite(m),
+            "margin_s": _finite(table.margin_s[k]),
+            "binding": table.binding[k],
+        }
+        for k, ok, m in zip(worst, good, margin_m, strict=True)
+    ]
+    if name != "learned" or growth is None:
+        return parts
+    radius, arrival = (x.tolist() for x in _meeting(gaps, target))
+    horizon = np.minimum.reduceat(table.horizon_s[rows], starts).tolist()
+    for part, k, trusted in zip(parts, worst, horizon, strict=True):
+        part["largest_model_error_mps"] = growth.largest_model_error(radius[k], arrival[k], target.v_max_mps)
+        part["trust_horizon_s"] = _finite(trusted)
+        part["model_error_source"] = growth.source
+    return parts
+
+
+def _lost_exits(gaps: RoadGaps, cameras: Sequence[str]) -> list[dict[str, object]]:
+    """List exits with a branch on which the target is never certain to be seen again."""
+    out: list[dict[str, object]] = []
+    for flag, reason in (
+        (gaps.cyclic, "unseen roads lead in a circle: the target may stay unseen for ever"),
+        (gaps.cut, "unseen roads are longer than the search"),
+    ):
+        names = sorted({cameras[c] for c in gaps.stretches.exit_camera[gaps.exits[flag]].tolist()})
+        out += [{"from": name, "to": None, "reason": reason} for name in names]
+    return out
+
+
+def _summary(table: TransitionTable, lost: Sequence[dict[str, object]]) -> dict[str, object]:
+    total, good = len(table.certified), int(table.certified.sum())
+    whole = good == total and not lost
+    reason = f"{good} of {total} ways between views are certified"
+    if lost:
+        reason += f"; from {len(lost)} cameras the target may stay unseen"
+    return {"verdict": "certified" if whole else "not certified", "reason": reason}
+
+
+def _published(gaps: RoadGaps, target: RoadTargetClass, on_min_s: float | None) -> dict[str, object]:
+    if len(gaps.shortest_m) == 0:
+        return {"verdict": "not certified", "reason": "no gap between disjoint views was found"}
+    verdict = theorem_31(float(gaps.shortest_m.min()), target.v_max_mps, on_min_s, target.extent_m)
+    return {"verdict": verdict.verdict, "reason": "Theorem 3.1, smallest gap: " + verdict.reason}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
