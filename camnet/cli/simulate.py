@@ -8,7 +8,7 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.common import add_common, add_scenario, overrides, progress_bar, say
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import cache_folder, choose_folder, print_json, whole_folder, write_json
 
 __all__ = ["add_parser"]
 
@@ -48,8 +48,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # noqa: ANN401 - imported late
+    from camnet.config.traffic import expand_traffic
     from camnet.report.write import write_all
     from camnet.simulation.run import run_network
+
+    if scenario.traffic is not None:
+        say("preparing the traffic (kept for the next run) ...")
+        scenario = expand_traffic(scenario, cache_folder())
 
     with progress_bar(scenario.run.duration_s, "simulating", "s", args.quiet) as advance:
         result = run_network(scenario, scenario.seed, progress=advance)

@@ -73,7 +73,9 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
             raise ConfigError(f"render_mode = {render_mode!r}: give None, 'rgb_array' or 'human'")
         scenario = world if isinstance(world, Scenario) else load_scenario(world, overrides)
         if not isinstance(scenario, Scenario) or not scenario.agents:
-            raise ConfigError(f"world = {world!r}: the handoff environment needs a network with at least one agent")
+            raise ConfigError(
+                f"world = {world!r}: the handoff environment needs a network with at least one agent"
+            )
         self.settings = _env_settings(settings, options)
         self.max_cycles = self.settings.max_cycles
         self.render_mode = render_mode
@@ -106,7 +108,9 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self.simulation.reset(self._seed)
         self.agents = list(self.possible_agents)
         self._cycle = 0
-        self._reward = SharedReward(self.settings.reward, 1.0 / self.simulation.network.scenario.run.decision_hz)
+        self._reward = SharedReward(
+            self.settings.reward, 1.0 / self.simulation.network.scenario.run.decision_hz
+        )
         return self._observations(), {name: {} for name in self.agents}
 
     def step(
@@ -155,7 +159,9 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         n = len(self.possible_agents)
         margin = self.simulation.network.scenario.controller.region_margin_m
         reach = np.maximum(self._observer.half_sizes[:n] - margin, 0.0)
-        return Setpoints(self._observer.centers[:n] + flat[:, :3] * reach, flat[:, 3:] * self.settings.gaze_max_rad)
+        return Setpoints(
+            self._observer.centers[:n] + flat[:, :3] * reach, flat[:, 3:] * self.settings.gaze_max_rad
+        )
 
     def _terminated(self) -> bool:
         if self.settings.terminate_on_collision and self.simulation.snapshot.collisions:
@@ -164,7 +170,9 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         if limit is None:
             return False
         now = self.simulation.snapshot.t_s
-        return any(now - f.estimate.last_seen_s > limit for f in self.simulation.driving if f.estimate.region >= 0)
+        return any(
+            now - f.estimate.last_seen_s > limit for f in self.simulation.driving if f.estimate.region >= 0
+        )
 
     def _observations(self) -> dict[str, Observation]:
         observations = self._observer.observe(self.simulation, self.simulation.entries())

@@ -91,15 +91,21 @@ class ObservationLayout:
     def __init__(self, n_targets: int, n_neighbours: int) -> None:
         self.n_targets, self.n_neighbours = n_targets, n_neighbours
         fields = list(_OWN)
-        fields += [Field(f"target_{m}.{f.name}", f.size, f.low, f.high) for m in range(n_targets) for f in _TARGET]
         fields += [
-            Field(f"neighbour_{k}.{f.name}", f.size, f.low, f.high) for k in range(n_neighbours) for f in _NEIGHBOUR
+            Field(f"target_{m}.{f.name}", f.size, f.low, f.high) for m in range(n_targets) for f in _TARGET
+        ]
+        fields += [
+            Field(f"neighbour_{k}.{f.name}", f.size, f.low, f.high)
+            for k in range(n_neighbours)
+            for f in _NEIGHBOUR
         ]
         self.fields = tuple(fields)
         self.low = np.concatenate([np.full(f.size, f.low, dtype=np.float32) for f in fields])
         self.high = np.concatenate([np.full(f.size, f.high, dtype=np.float32) for f in fields])
         ends = np.cumsum([f.size for f in fields])
-        self.slices = {f.name: slice(int(end) - f.size, int(end)) for f, end in zip(fields, ends, strict=True)}
+        self.slices = {
+            f.name: slice(int(end) - f.size, int(end)) for f, end in zip(fields, ends, strict=True)
+        }
 
     @property
     def size(self) -> int:

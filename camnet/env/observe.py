@@ -58,7 +58,8 @@ class Observer:
         pan, tilt = gaze_angles(rotate(truth.camera_q_world[j], _FORWARD))
         return {
             "own.position": (truth.camera_p_world[j] - self.centers[j]) / self.half_sizes[j],
-            "own.velocity": truth.camera_v_world[j] / simulation.network.scenario.controller.reference_v_max_mps,
+            "own.velocity": truth.camera_v_world[j]
+            / simulation.network.scenario.controller.reference_v_max_mps,
             "own.gaze": np.array([pan, tilt]) / self.settings.gaze_max_rad,
             "own.region_center": (self.centers[j] - self._network_center) / self._network_half,
             "own.region_size": self.half_sizes[j] / self._network_half,

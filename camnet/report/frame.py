@@ -131,7 +131,9 @@ class MapPainter:
 
     def _disc(self, point: Array, colour: str, radius_px: float, width: int = -1) -> None:
         x, y = self._pixels(point)[0]
-        cv2.circle(self._image, (int(x), int(y)), round(16 * radius_px), rgb(colour), width, cv2.LINE_AA, shift=4)
+        cv2.circle(
+            self._image, (int(x), int(y)), round(16 * radius_px), rgb(colour), width, cv2.LINE_AA, shift=4
+        )
 
     def _ring(self, point: Array, radius_m: float, colour: str) -> None:
         if math.isfinite(radius_m):

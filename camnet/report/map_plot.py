@@ -36,7 +36,9 @@ def draw_network(axes: Axes, network: Network) -> None:
         axes.add_patch(Polygon(region.footprint(), facecolor=colour, alpha=0.10, edgecolor="none", zorder=1))
         axes.add_patch(Polygon(region.footprint(), fill=False, edgecolor=colour, linewidth=1.4, zorder=2))
         corner = (region.bounds[0, 0], region.bounds[1, 1])
-        axes.annotate(region.name, corner, textcoords="offset points", xytext=(4, -12), color=colour, fontsize=9)
+        axes.annotate(
+            region.name, corner, textcoords="offset points", xytext=(4, -12), color=colour, fontsize=9
+        )
     for k, spec in enumerate(network.description.cameras):
         colour = CAMERA_COLOURS[(network.n_agents + k) % len(CAMERA_COLOURS)]
         outline = view_footprint(network, network.n_agents + k, spec.p_world, spec.q_world)

@@ -22,7 +22,11 @@ _TAIL = 150
 
 
 def write_video(
-    run: RunData, path: Path, length_s: float = 24.0, fps: int = 12, progress: Callable[[int, int], None] | None = None
+    run: RunData,
+    path: Path,
+    length_s: float = 24.0,
+    fps: int = 12,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write the video of a run, sped up to about ``length_s`` seconds.
 
@@ -91,8 +95,12 @@ def log_snapshot(run: RunData, row: int) -> Snapshot:
 
     n, m = len(agents), len(targets)
     fixed = run.network.description.cameras
-    camera_p = np.concatenate([stack(agents, "cam_p", 3), np.array([c.p_world for c in fixed]).reshape(-1, 3)])
-    camera_q = np.concatenate([stack(agents, "cam_q", 4), np.array([c.q_world for c in fixed]).reshape(-1, 4)])
+    camera_p = np.concatenate(
+        [stack(agents, "cam_p", 3), np.array([c.p_world for c in fixed]).reshape(-1, 3)]
+    )
+    camera_q = np.concatenate(
+        [stack(agents, "cam_q", 4), np.array([c.q_world for c in fixed]).reshape(-1, 4)]
+    )
     return Snapshot(
         t_s=float(run.t_s[row]),
         step=row,

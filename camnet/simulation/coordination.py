@@ -54,7 +54,8 @@ def assign(
     radius_limit_m : (N,) error radius from which an estimate is of no use to agent j, m
     """
     return [
-        _task(j, estimates, entries, inside[:, j], seen_by[j], float(limit)) for j, limit in enumerate(radius_limit_m)
+        _task(j, estimates, entries, inside[:, j], seen_by[j], float(limit))
+        for j, limit in enumerate(radius_limit_m)
     ]
 
 

@@ -23,11 +23,12 @@ from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.visibility import VisibilityTest
+from camnet.simulation.certificates import feature_extent, network_certificates
 from camnet.simulation.entries import Entry, predict_entries
 from camnet.simulation.filters import build_filter
+from camnet.simulation.gaps import GapRecorder
 from camnet.simulation.handoff import HandoffTracker
 from camnet.simulation.network import Network
-from camnet.simulation.certificates import network_certificates
 from camnet.simulation.statistics import RunStatistics
 from camnet.types import Array, BoolArray, PoseMeasurement, Snapshot, Twist
 from camnet.world.protocol import CameraCommand, World
@@ -66,6 +67,7 @@ class NetworkSimulation:
             [*network.regions[: network.n_agents], *(None for _ in scenario.fixed_cameras)],
         )
         self._certificates = network_certificates(network)
+        self.extent_m = feature_extent(network)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -85,11 +87,16 @@ class NetworkSimulation:
         )
         self._reference_state = self._references.start(self.snapshot.camera_p_world[: network.n_agents])
         self._sensor = PoseSensor(scenario.sensing, network.n_targets, len(network.cameras))
-        self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
+        self.disturbance = DisturbanceMonitor(scenario.controller, self.control_dt_s)
         self.filters: dict[str, list[TargetFilter]] = {
             name: [self._filter(name, m) for m in range(network.n_targets)] for name in self.filter_names
         }
         self.trackers = [HandoffTracker(m, scenario.handoff.grace_s) for m in range(network.n_targets)]
+        handoff = scenario.handoff
+        self.gaps = [
+            GapRecorder(m, network.regions, handoff.lookahead_s, handoff.rollout_dt_s)
+            for m in range(network.n_targets)
+        ]
         self.visible: BoolArray = np.zeros((len(network.cameras), network.n_targets), dtype=bool)
         self.target_region = np.full(network.n_targets, -1)
         self._entries: list[list[Entry | None]] = []
@@ -127,13 +134,16 @@ class NetworkSimulation:
 
     def _control_step(self, setpoints: Setpoints) -> None:
         n = self.network.n_agents
-        reference = self._references.reference(self._reference_state)
-        before = self.snapshot
-        control = self._controller.control(before.camera_p_world[:n], before.camera_q_world[:n], reference)
-        command = CameraCommand(control.v_world, control.w_cam)
+        if n:
+            reference = self._references.reference(self._reference_state)
+            p_world, q_world = self.snapshot.camera_p_world[:n], self.snapshot.camera_q_world[:n]
+            control = self._controller.control(p_world, q_world, reference)
+            self.disturbance.update(p_world, q_world, reference, control)
+            command = CameraCommand(control.v_world, control.w_cam)
+        else:
+            command = CameraCommand.zeros(0)
         self.snapshot = self.world.step(command)
         self.count += 1
-        self.disturbance.update(before, self.snapshot, control)
         self._reference_state = self._references.step(
             self._reference_state, setpoints.p_world, setpoints.gaze_rad
         )
@@ -149,14 +159,23 @@ class NetworkSimulation:
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         self._locate_targets()
         for m, tracker in enumerate(self.trackers):
-            best = _nearest([z for z in measurements if z.target == m])
-            for name in self.filter_names:
-                if best is None:
-                    self.filters[name][m].predict(snapshot.t_s)
-                else:
-                    self.filters[name][m].correct(best, best.camera)
+            self._estimate(m, _nearest([z for z in measurements if z.target == m]))
             tracker.update(snapshot.t_s, int(self.target_region[m]), self.seen_by(m))
         self.statistics.after_sense(self)
+
+    def _estimate(self, m: int, best: PoseMeasurement | None) -> None:
+        """Advance all estimators of target ``m`` to now, with the measurement ``best`` if there is one."""
+        filters = {name: self.filters[name][m] for name in self.filter_names}
+        now = self.snapshot.t_s
+        if best is not None:
+            self.gaps[m].seen(now, best.camera, self.snapshot.target_p_world[m], filters)
+        for filter_ in filters.values():
+            if best is None:
+                filter_.predict(now)
+            else:
+                filter_.correct(best, best.camera)
+        if best is None:
+            self.gaps[m].unseen(now, filters)
 
     def _locate_targets(self) -> None:
         self.target_region[:] = -1

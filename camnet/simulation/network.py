@@ -10,11 +10,14 @@ from camnet.config.models import Agent, FixedCamera, Scenario
 from camnet.errors import WorldError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.placement import place_basis
-from camnet.geometry.regions import Region, build_region
 from camnet.geometry.frustum import Frustum
+from camnet.geometry.regions import Region, build_region
 from camnet.geometry.rotations import look_at, normalise
 from camnet.geometry.settings import CameraModel
+from camnet.importers.tracks import load_tracks, only_track
 from camnet.motion.factory import build_motion
+from camnet.motion.protocol import TargetMotion
+from camnet.motion.settings import TargetSettings, TrackTarget
 from camnet.types import Array
 from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, TargetSpec, WorldDescription
 
@@ -72,7 +75,7 @@ def build_network(scenario: Scenario) -> Network:
         cameras=tuple(fixed),
         occluders=tuple(OccluderSpec(o.name, o.shape) for o in scenario.occluders),
         targets=tuple(
-            TargetSpec(t.name, t.size_m, np.array(t.features_m), build_motion(t, scenario.roads))
+            TargetSpec(t.name, t.size_m, np.array(t.features_m), _motion(t, scenario))
             for t in scenario.targets
         ),
         roads=scenario.roads,
@@ -87,6 +90,13 @@ def build_network(scenario: Scenario) -> Network:
 def view_volume(spec: CameraSpec) -> Region:
     """Field-of-view volume V_c of a fixed camera: the frustum between its near and far range, world frame."""
     return Frustum.from_camera(spec.camera).in_world(spec.p_world, spec.q_world).region(spec.name)
+
+
+def _motion(target: TargetSettings, scenario: Scenario) -> TargetMotion:
+    track = None
+    if isinstance(target.motion, TrackTarget):
+        track = only_track(load_tracks(target.motion), str(target.motion.file))
+    return build_motion(target, scenario.roads, track)
 
 
 def _agent(agent: Agent, regions: dict[str, Region], models: dict[str, CameraModel]) -> AgentSpec:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from camnet.config.models import Scenario
-from camnet.control.setpoints import intercept, loiter, track
+from camnet.control.setpoints import Setpoint, intercept, loiter, track
 from camnet.simulation.coordination import Role, Task, assign
 from camnet.simulation.filters import FILTERS
 from camnet.simulation.handoff import Handoff
@@ -19,7 +19,6 @@ from camnet.simulation.loop import NetworkSimulation, Setpoints
 from camnet.simulation.network import Network, build_network
 from camnet.simulation.recorder import Recorder
 from camnet.simulation.summary import summarise
-from camnet.types import Array
 from camnet.world.pybullet import PyBulletWorld
 
 __all__ = ["RunResult", "open_simulation", "run_network", "setpoints_for"]
@@ -99,6 +98,8 @@ def _loop(
 
 def decide(simulation: NetworkSimulation) -> list[Task]:
     """Give every agent its task from the driving estimates."""
+    if simulation.network.n_agents == 0:
+        return []
     estimates = [f.estimate for f in simulation.driving]
     regions = simulation.network.regions[: simulation.network.n_agents]
     points = np.array([e.p_world for e in estimates])
@@ -110,22 +111,26 @@ def decide(simulation: NetworkSimulation) -> list[Task]:
 
 def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints:
     """Turn tasks into setpoints."""
-    pairs = [_setpoint(simulation, j, task) for j, task in enumerate(tasks)]
-    p_world = np.array([p for p, _ in pairs]).reshape(-1, 3)
-    gaze = np.array([g for _, g in pairs]).reshape(-1, 2)
-    return Setpoints(p_world, gaze)
+    chosen = [_setpoint(simulation, j, task) for j, task in enumerate(tasks)]
+    p_world = np.array([s.p_world for s in chosen]).reshape(-1, 3)
+    return Setpoints(p_world, np.array([s.gaze for s in chosen]).reshape(-1, 2))
 
 
-def _setpoint(simulation: NetworkSimulation, j: int, task: Task) -> tuple[Array, Array]:
-    network = simulation.network
+def _setpoint(simulation: NetworkSimulation, j: int, task: Task) -> Setpoint:
+    network, now = simulation.network, simulation.snapshot
     region, camera, settings = network.regions[j], network.cameras[j], network.scenario.controller
+    yaw = network.description.agents[j].start_yaw_rad
     if task.role is Role.TRACK:
-        estimate = simulation.driving[task.target].estimate
-        return track(estimate, region, camera, settings)
+        e = simulation.driving[task.target].estimate
+        radius = simulation.extent_m + e.radius_m
+        return track(e.p_world, e.v_world, region, camera, settings, radius, now.camera_p_world[j], yaw)
     if task.role is Role.INTERCEPT and task.entry is not None:
         entry = task.entry
-        return intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, settings)
-    return loiter(region, camera, settings)
+        radius = simulation.extent_m + entry.radius_m
+        return intercept(
+            entry.p_world, entry.v_world, entry.t_s, radius, region, camera, settings, now.t_s, yaw
+        )
+    return loiter(region, settings)
 
 
 def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str, Any]:

@@ -49,7 +49,9 @@ class RunStatistics:
         self.collisions += [(snapshot.t_s, a, b) for a, b in sorted(touching - self._touching)]
         self._touching = touching
         if simulation.network.n_agents:
-            self.effort += simulation.control_dt_s * float(np.vdot(snapshot.agent_v_world, snapshot.agent_v_world))
+            self.effort += simulation.control_dt_s * float(
+                np.vdot(snapshot.agent_v_world, snapshot.agent_v_world)
+            )
 
     def after_sense(self, simulation: NetworkSimulation) -> None:
         """Record errors, view time and the switching signals of every target."""

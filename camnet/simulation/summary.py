@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from camnet.simulation.certificates import network_report
+from camnet.simulation.gaps import summarise_gaps
 from camnet.simulation.loop import NetworkSimulation
 
 __all__ = ["summarise"]
@@ -23,7 +25,8 @@ def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -
         **statistics.episode(simulation),
         "baselines": statistics.baselines(simulation),
         "dwell": _dwell(simulation),
-        "controller": simulation.disturbance.summary(),
+        "controller": _controller(simulation),
+        "gaps": summarise_gaps([gap for recorder in simulation.gaps for gap in recorder.gaps]),
         "collision_list": [{"t_s": t, "bodies": [a, b]} for t, a, b in statistics.collisions],
         "estimator": {
             target: _finite(filter_.diagnostics())
@@ -35,6 +38,20 @@ def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -
     }
 
 
+def _controller(simulation: NetworkSimulation) -> dict[str, Any]:
+    """Tracking error and realised disturbance; ``max_error`` and ``disturbance_max`` are the linear ones, m, m/s."""
+    if simulation.network.n_agents == 0:
+        return {"max_error": None, "bound_exceeded": 0, "disturbance_max": None}
+    figures = asdict(simulation.disturbance.summary())
+    head = {
+        "max_error": figures["error_linear_max"],
+        "bound_exceeded": figures["bound_exceeded"],
+        "disturbance_max": figures["linear_max"],
+        "disturbance_bound": simulation.network.scenario.controller.d_bar_mps,
+    }
+    return {**head, **figures}
+
+
 def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:
     """The certificates' report, with what each of them saw in this run and the violations of both."""
     report: dict[str, Any] = network_report(simulation.network)
@@ -44,7 +61,10 @@ def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:
     report["violations"] = sum(int(str(summary["violations"])) for summary in summaries)
     report["broken"] = sum(int(str(summary["broken"])) for summary in summaries)
     report["intervals"] = [
-        {key: summary[key] for key in ("intervals_on", "intervals_off", "longest_off_s", "shortest_on_s", "excited_at_s")}
+        {
+            key: summary[key]
+            for key in ("intervals_on", "intervals_off", "longest_off_s", "shortest_on_s", "excited_at_s")
+        }
         for summary in summaries
     ]
     return report
