@@ -28,7 +28,7 @@ def camera_from_body(theta: Array) -> Array:
     rz = np.array([[c[0], -s[0], zero], [s[0], c[0], zero], [zero, zero, one]])
     ry = np.array([[c[1], zero, s[1]], [zero, one, zero], [-s[1], zero, c[1]]])
     rx = np.array([[one, zero, zero], [zero, c[2], -s[2]], [zero, s[2], c[2]]])
-    return np.einsum("ijn,jk,kln,lmn->nim", rz, NADIR, ry, rx)
+    return np.asarray(np.einsum("ijn,jk,kln,lmn->nim", rz, NADIR, ry, rx))
 
 
 def camera_rate(theta: Array, theta_rate: Array) -> Array:

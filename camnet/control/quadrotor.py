@@ -146,7 +146,7 @@ def _attitude_torque(model: QuadrotorModel, r: Array, r_desired: Array, w: Array
     k_r, k_w = model.attitude_radps**2, 2 * model.attitude_damping * model.attitude_radps
     j = model.inertia_kgm2
     e_w = w - np.einsum("nji,nj->ni", r, w_desired)
-    return j * (-k_r * e_r - k_w * e_w) + np.cross(w, j * w)
+    return np.asarray(j * (-k_r * e_r - k_w * e_w) + np.cross(w, j * w))
 
 
 def _desired_attitude(f: Array, yaw: Array) -> Array:

@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | p, v | `p`, `v` | reference position and velocity |
 | a_max | `a_max` | bound of ``|v'|`` |
-| s | `_stop` | ``p + v |v| / (2 a_max)``: where full braking along v ends |
+| s | `_stop` | ``p + v norm(v) / (2 a_max)``: where full braking along v ends |
 | O(m) | `_clearance(...) >= m` | the region shrunk by the margin m |
 
 Invariant: p and s are in O(m), and the segment between them. A step is taken only when it keeps the invariant; full
@@ -94,6 +94,21 @@ def _approach(a: Array, goal: Array, largest_change: float) -> Array:
 
 
 @njit(cache=True)
+def _stop(p: Array, v: Array, a_max: float) -> Array:
+    """Where full braking along ``v`` ends."""
+    return p + v * (_length(v) / (2.0 * a_max))
+
+
+@njit(cache=True)
+def _gentle_stop(p: Array, v: Array, a: Array, a_max: float, j_max: float) -> Array:
+    """Where braking ends about when the jerk is bounded: ``a`` fades first, then the braking sets in."""
+    fade = _length(a) / j_max
+    v_then = v + a * (0.5 * fade)
+    p_then = p + v * fade + a * (fade * fade / 3.0)
+    return _stop(p_then, v_then, a_max) + v_then * (0.5 * a_max / j_max)
+
+
+@njit(cache=True)
 def position_step(
     p: Array,
     v: Array,
@@ -121,13 +136,14 @@ def position_step(
     gently = _approach(a, -v * min(a_max / speed, 1.0 / dt) if speed > 1e-12 else np.zeros(3), j_max * dt)
     inside = clearance(p, planes, disc, polygon) >= margin - 2 * _TOLERANCE
     for k in range(5):
-        # as wanted, with the time that a bounded jerk needs to turn to braking; gentle braking; then ever harder
-        delay = 2.0 * a_max / j_max if k == 0 else 0.0
+        # as wanted, if a bounded jerk can still brake afterwards; gentle braking; then ever harder
         share = 1.0 if k < 2 else 1.0 - 0.25 * (k - 1)
         a_next = share * (wanted if k == 0 else gently) + (1.0 - share) * brake
         v_next = v + dt * a_next
         p_next = p + 0.5 * dt * (v + v_next)
-        stop = p_next + v_next * (_length(v_next) / (2.0 * a_max) + delay)
+        stop = _stop(p_next, v_next, a_max)
+        if k == 0:
+            stop = _gentle_stop(p_next, v_next, a_next, a_max, j_max)
         if not inside or segment_inside(p_next, stop, margin, planes, disc, polygon):
             p[:], v[:], a[:] = p_next, v_next, a_next
             return
@@ -161,10 +177,11 @@ def gaze_step(
 
 @njit(cache=True)
 def gaze_motion(gaze: Array, rate: Array, yaw: float) -> Array:
-    """Orientation and angular velocity (7,) of `camnet.geometry.rotations.nadir_gaze` at moving pan and tilt.
+    """Orientation and angular velocity (7,) of a camera at moving pan and tilt, towards world x and y.
 
-    With n = [1 - d_z, d_y, -d_x, 0], q = n/|n|: q' = (n' - q (q.n')) / |n|, w = 2 vec(q* q'), then the
-    straight-down turn (x, -y, -z) into the camera frame. The yaw is constant.
+    The optical axis d is that of ``nadir_gaze(pan, tilt)``; at zero the image is turned by ``yaw``, which is constant:
+    ``q = q_swing(d) q_yaw q_down``. With n = [1 - d_z, d_y, -d_x, 0], q_swing = n/|n|:
+    q' = (n' - q (q.n')) / |n|, w = 2 vec(q* q'), seen after the yaw and the straight-down turn (x, -y, -z).
     """
     tx, ty = math.tan(gaze[0]), math.tan(gaze[1])
     dtx, dty = (1.0 + tx * tx) * rate[0], (1.0 + ty * ty) * rate[1]
@@ -175,15 +192,14 @@ def gaze_motion(gaze: Array, rate: Array, yaw: float) -> Array:
     norm = math.sqrt((1.0 - dz) ** 2 + dy * dy + dx * dx)
     a, b, c = (1.0 - dz) / norm, dy / norm, -dx / norm
     along = (-a * ddz + b * ddy - c * ddx) / norm
-    da, db, dc, dd = -ddz / norm - a * along, ddy / norm - b * along, -ddx / norm - c * along, 0.0
+    da, db, dc = -ddz / norm - a * along, ddy / norm - b * along, -ddx / norm - c * along
     out = np.empty(7)
-    # q_world = q_yaw (a, b, c, 0) (0, 1, 0, 0)
-    s0, s1, s2, s3 = -b, a, 0.0, -c
+    # q_yaw q_down = (0, cy, sy, 0)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    out[0], out[1] = cy * s0 - sy * s3, cy * s1 - sy * s2
-    out[2], out[3] = cy * s2 + sy * s1, cy * s3 + sy * s0
-    # conj(a, b, c, 0) (da, db, dc, dd)
-    out[4] = 2.0 * (a * db - b * da - c * dd)
-    out[5] = -2.0 * (a * dc - c * da + b * dd)
-    out[6] = -2.0 * (a * dd - b * dc + c * db)
+    out[0], out[1] = -b * cy - c * sy, a * cy
+    out[2], out[3] = a * sy, b * sy - c * cy
+    # conj(a, b, c, 0) (da, db, dc, 0)
+    wx, wy, wz = 2.0 * (a * db - b * da), 2.0 * (a * dc - c * da), 2.0 * (c * db - b * dc)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    out[4], out[5], out[6] = cy * wx + sy * wy, -(cy * wy - sy * wx), -wz
     return out

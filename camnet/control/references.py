@@ -67,7 +67,7 @@ class ReferenceGenerator:
     ----------
     settings : speed, acceleration, rate and margin
     regions : one per agent (None: unbounded)
-    yaw_rad : (N,) headings for which pan and tilt are meant, kept constant
+    yaw_rad : (N,) turn of the image at zero gaze, kept constant; pan and tilt are towards world x and y
     dt_s : control period
 
     Raises

@@ -16,12 +16,13 @@ class ControllerSettings(Settings):
 
     ``d_bar_mps`` and ``d_bar_radps`` are the disturbance bounds of the robust term; outside them the envelope
     (4-27) does not hold and the run says so. ``image_fill`` is the share of the image's smaller half-angle that the
-    target's uncertainty should fill.
+    target and its uncertainty should fill; ``target_extent_m`` is the
+    radius of a ball about the target's origin that holds its features.
     """
 
     rate_hz: Positive = 60.0
     k1_per_s: Positive = 2.0
-    d_bar_mps: NonNegative = 0.25
+    d_bar_mps: NonNegative = 0.3
     d_bar_radps: NonNegative = 0.5
     switching: Literal["sign", "sat", "tanh"] = "tanh"
     boundary_layer: Positive = 0.12
@@ -37,3 +38,4 @@ class ControllerSettings(Settings):
     region_margin_m: NonNegative = 0.25
     min_height_m: Positive = 0.8
     image_fill: Fraction = 0.5
+    target_extent_m: Positive = 0.4

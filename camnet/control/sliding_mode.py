@@ -68,13 +68,14 @@ class Reference:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CameraControl:
-    """Command with its feedforward, and the errors it answers, all (N,3): m/s, rad/s, m/s^2, m, rad."""
+    """Command with its feedforward, the errors it answers, all (N,3): m/s, rad/s, m/s^2, m, rad; the reference."""
 
     v_world: Array
     w_cam: Array
     a_world: Array
     e_linear: Array
     e_angular: Array
+    reference: Reference
 
 
 def switching_function(kind: Switching, layer: float) -> Callable[[Array], Array]:
@@ -115,4 +116,4 @@ class SlidingModeController:
         feedforward = rotate(conjugate(q_error), reference.w_cam)  # w_cd in the camera frame
         u_l = reference.v_world - k1 * e_l - self._d_linear * switch(e_l)  # (4-6)
         u_a = feedforward - k1 * e_a - self._d_angular * switch(e_a)  # (4-6), see the module's text
-        return CameraControl(v_world=u_l, w_cam=u_a, a_world=reference.a_world, e_linear=e_l, e_angular=e_a)
+        return CameraControl(u_l, u_a, reference.a_world, e_l, e_a, reference)

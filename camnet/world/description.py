@@ -92,7 +92,8 @@ class WorldDescription:
     roads: tuple[Road, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        names = [x.name for x in (*self.agents, *self.cameras, *self.occluders, *self.targets)]
+        names = [a.name for a in self.agents] + [c.name for c in self.cameras]
+        names += [o.name for o in self.occluders] + [t.name for t in self.targets]
         doubled = sorted({n for n in names if names.count(n) > 1})
         if doubled:
             raise WorldError(f"names of agents, cameras, occluders and targets must differ; twice: {doubled}")

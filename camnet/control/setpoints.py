@@ -1,0 +1,118 @@
+"""Where an agent should fly and look: track a target, loiter, or wait where one is predicted to enter.
+
+All setpoints are admissible: inside the region shrunk by the margin. The references of `camnet.control.references`
+fly there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from camnet.control.settings import ControllerSettings
+from camnet.geometry.regions import Region
+from camnet.geometry.rotations import gaze_angles
+from camnet.geometry.settings import CameraModel
+from camnet.types import Array, TargetEstimate
+
+__all__ = ["Setpoint", "half_angle", "intercept", "loiter", "track", "working_height"]
+
+#: how far ahead of a tracked target the camera is sent, s: about the lag of the references
+_LEAD_S = 0.5
+
+
+class Setpoint(NamedTuple):
+    """Desired camera position (3,) in the world, m, and gaze (2,): pan and tilt towards world x and y, rad."""
+
+    p_world: Array
+    gaze: Array
+
+
+def half_angle(camera: CameraModel) -> float:
+    """Smallest half-angle of the field of view, rad: from the principal point to the nearest image border."""
+    k = camera.intrinsics
+    slopes = (
+        (k.cx_px + 0.5) / k.fx_px,
+        (k.width_px - 0.5 - k.cx_px) / k.fx_px,
+        (k.cy_px + 0.5) / k.fy_px,
+        (k.height_px - 0.5 - k.cy_px) / k.fy_px,
+    )
+    return float(np.arctan(max(min(slopes), 1e-3)))
+
+
+def working_height(camera: CameraModel, radius_m: float, settings: ControllerSettings) -> float:
+    """Height above a target from which a ball of ``radius_m`` about it fills ``image_fill`` of the view.
+
+    A ball of radius r at distance d touches a cone of half-angle psi when ``r = d sin psi`` (bell2019); here psi is
+    ``image_fill`` of the smallest half-angle. Never below ``min_height_m``, never beyond the far range less the ball.
+    """
+    psi = max(settings.image_fill, 1e-3) * half_angle(camera)
+    highest = max(camera.far_m - radius_m, settings.min_height_m)
+    return float(min(max(radius_m / np.sin(psi), settings.min_height_m, camera.near_m + radius_m), highest))
+
+
+def _look_from(p_world: Array, point_world: Array, settings: ControllerSettings) -> Array:
+    pan, tilt = gaze_angles(point_world - p_world)
+    limit = settings.gaze_max_rad
+    return np.asarray(np.clip(np.array([float(pan), float(tilt)]), -limit, limit))
+
+
+def _above(point: Array, height: float, region: Region | None, margin_m: float) -> Array:
+    wanted = point + np.array([0.0, 0.0, height])
+    return wanted if region is None else region.project(wanted, margin_m)
+
+
+def _view_radius(target_extent_m: float, radius_m: float) -> float:
+    """Radius of the ball to keep in view; an unknown error radius counts as none."""
+    return target_extent_m + (radius_m if np.isfinite(radius_m) else 0.0)
+
+
+def track(
+    estimate: TargetEstimate,
+    region: Region | None,
+    camera: CameraModel,
+    settings: ControllerSettings,
+    camera_p: Array | None = None,
+) -> Setpoint:
+    """Hover above a target, gaze on it.
+
+    Parameters
+    ----------
+    estimate : of the target; its ``radius_m`` plus the target's extent is the ball kept in view
+    camera_p : (3,) where the camera is now, so that the gaze is right on the way (default: the setpoint)
+    """
+    height = working_height(camera, _view_radius(settings.target_extent_m, estimate.radius_m), settings)
+    ahead = estimate.p_world + _LEAD_S * estimate.v_world
+    p = _above(ahead, height, region, settings.region_margin_m)
+    return Setpoint(p, _look_from(p if camera_p is None else camera_p, estimate.p_world, settings))
+
+
+def loiter(region: Region, camera: CameraModel, settings: ControllerSettings) -> Setpoint:
+    """Wait in the middle of the region, looking straight down, as high as the far range lets the ground be seen."""
+    low, high = region.bounds[:, 2]
+    z = min(high - settings.region_margin_m, max(camera.far_m, low))
+    middle = np.array([region.center[0], region.center[1], z])
+    return Setpoint(region.project(middle, settings.region_margin_m), np.zeros(2))
+
+
+def intercept(
+    entry_p: Array,
+    entry_v: Array,
+    radius_m: float,
+    region: Region | None,
+    camera: CameraModel,
+    settings: ControllerSettings,
+    late_s: float = 0.0,
+) -> Setpoint:
+    """Wait at the predicted entry (3,), high enough for the uncertainty ball ``radius_m`` to be in view.
+
+    The camera looks at where the target enters. A target that is late by ``late_s`` is expected on its way in with
+    ``entry_v`` (3,), at most a ball's radius beyond the entry. When the region's ceiling is too low for the ball, the
+    camera goes as high as it may.
+    """
+    ball = _view_radius(settings.target_extent_m, radius_m)
+    speed = float(np.linalg.norm(entry_v))
+    ahead = entry_v * min(max(late_s, 0.0), ball / speed) if speed > 1e-9 else np.zeros(3)
+    p = _above(entry_p + ahead, working_height(camera, ball, settings), region, settings.region_margin_m)
+    return Setpoint(p, _look_from(p, entry_p + ahead, settings))
