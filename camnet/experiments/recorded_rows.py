@@ -30,7 +30,7 @@ from camnet.estimation.crossing import (
     Lesson,
     Sighting,
 )
-from camnet.estimation.crossing.sightings import CrossingPrediction
+from camnet.estimation.crossing.sightings import CrossingPrediction, only_camera
 from camnet.types import Array
 
 __all__ = ["remedy_rows"]
@@ -56,24 +56,40 @@ class _Untaught(CrossingPredictor):
 
 
 class _FlowPrior:
-    """Lessons whose prior is a flow field that learns beside them."""
+    """Lessons whose prior is a flow field; another row teaches the field."""
 
-    def __init__(self, settings: CrossingSettings, cameras: int, bounds: Array) -> None:
-        self._flow = FlowField(settings.flow, cameras, bounds)
-        self._lessons = CrossingPredictor(settings, cameras, prior=self._flow.position)
+    def __init__(self, settings: CrossingSettings, cameras: int, flow: FlowField) -> None:
+        self._lessons = CrossingPredictor(settings, cameras, prior=flow.position)
 
     def predict(self, exit: ExitState, t_s: float) -> CrossingPrediction:
         """Predict from the lessons, with one vote of the flow field."""
         return self._lessons.predict(exit, t_s)
 
     def observe(self, before: Sighting, after: Sighting) -> None:
-        """Teach the flow field."""
-        self._flow.observe(before, after)
+        """Nothing to learn here."""
 
     def learn(self, lesson: Lesson) -> None:
-        """Teach both."""
+        """Learn the crossing."""
         self._lessons.learn(lesson)
-        self._flow.learn(lesson)
+
+
+class _WithoutPrior:
+    """A flow field that another row teaches, predicting without its prior."""
+
+    def __init__(self, flow: FlowField, cameras: int) -> None:
+        self._flow = flow
+        self._cameras = cameras
+
+    def predict(self, exit: ExitState, t_s: float) -> CrossingPrediction:
+        """Predict from the flow alone."""
+        place = self._flow.position(exit, t_s, with_prior=False)
+        return CrossingPrediction(place, float("inf"), only_camera(self._cameras, exit.camera), support=1.0)
+
+    def observe(self, before: Sighting, after: Sighting) -> None:
+        """Nothing to learn here."""
+
+    def learn(self, lesson: Lesson) -> None:
+        """Nothing to learn here."""
 
 
 def remedy_rows(settings: CrossingSettings, cameras: int, bounds: Array) -> Mapping[str, GapPredictor]:
@@ -82,17 +98,16 @@ def remedy_rows(settings: CrossingSettings, cameras: int, bounds: Array) -> Mapp
     def lessons(**changes: Any) -> CrossingPredictor:  # noqa: ANN401 - fields of the settings
         return CrossingPredictor(settings.model_copy(update=changes), cameras)
 
-    def flow(**changes: bool) -> FlowField:
-        return FlowField(settings.flow.model_copy(update=changes), cameras, bounds)
-
+    printed = settings.flow.model_copy(update={"learn_across": False, "prior": False})
+    flow = FlowField(settings.flow, cameras, bounds)
     return {
-        "flow_printed": flow(learn_across=False, prior=False),
+        "flow_printed": FlowField(printed, cameras, bounds),
         "prior": _Untaught(settings, cameras),
-        "flow_gaps": flow(learn_across=True, prior=False),
-        "flow_prior_gaps": flow(learn_across=True, prior=True),
+        "flow_gaps": _WithoutPrior(flow, cameras),
+        "flow_prior_gaps": flow,
         "nearest_five": lessons(**_SIMPLEST),
         "lessons_only": lessons(prior_distance=None),
-        "lessons_flow": _FlowPrior(settings, cameras, bounds),
+        "lessons_flow": _FlowPrior(settings, cameras, flow),
         "lessons_mean": lessons(location="mean"),
         "lessons_median": lessons(location="geometric_median"),
         "one_way": lessons(learn_reversed=False),

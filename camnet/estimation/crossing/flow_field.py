@@ -91,14 +91,15 @@ class FlowField:
             float(self._known(exit.t_s) is not None),
         )
 
-    def position(self, exit: ExitState, t_s: float) -> Array:
-        """Position (2,) at ``t_s``."""
+    def position(self, exit: ExitState, t_s: float, with_prior: bool | None = None) -> Array:
+        """Position (2,) at ``t_s``; ``with_prior`` stands in for the setting."""
         s, model = self._settings, self._known(exit.t_s)
+        use_prior = s.prior if with_prior is None else with_prior
         steps = min(max(int(np.ceil((t_s - exit.t_s) / s.step_s)), 1), _MAX_STEPS)
         dt = (t_s - exit.t_s) / steps
         p, v = exit.p_world.copy(), exit.v_world
         for k in range(steps):
-            prior = exit.v_world * np.exp(-(k + 0.5) * dt / s.prior_memory_s) if s.prior else np.zeros(2)
+            prior = exit.v_world * np.exp(-(k + 0.5) * dt / s.prior_memory_s) if use_prior else None
             first = self._velocity(model, p, v, prior)
             v = self._velocity(model, p + 0.5 * dt * first, first, prior)
             p = p + dt * v
@@ -165,12 +166,12 @@ class FlowField:
             ahead /= ahead.sum()
         return np.outer(near, ahead).ravel()
 
-    def _velocity(self, model: _Model | None, p: Array, v: Array, prior: Array) -> Array:
+    def _velocity(self, model: _Model | None, p: Array, v: Array, prior: Array | None) -> Array:
         if model is None:
-            return prior
+            return np.zeros(2) if prior is None else prior
         sigma = self._sigma(p, v)
         flow = sigma @ model.weights
-        if not self._settings.prior:
+        if prior is None:
             return np.asarray(flow)
         used = np.flatnonzero(sigma > 1e-3 * sigma.max()) if sigma.max() > 0 else np.arange(0)
         energy = float(sigma @ sigma)
