@@ -32,6 +32,7 @@ from typing import Literal
 import numpy as np
 
 from camnet.control.settings import ControllerSettings
+from camnet.control.sliding_mode_kernel import SWITCHING_CODE, control_compiled
 from camnet.geometry.rotations import conjugate, log, multiply, rotate
 from camnet.types import Array
 
@@ -101,19 +102,29 @@ def pose_error(p_world: Array, q_world: Array, reference: Reference) -> tuple[Ar
     return p_world - reference.p_world, log(q_error), q_error  # (4-3)
 
 
+def control_numpy(
+    settings: ControllerSettings, p_world: Array, q_world: Array, reference: Reference
+) -> CameraControl:
+    """Evaluate the law (4-6), readable; `SlidingModeController` runs the compiled twin."""
+    k1, switch = settings.k1_per_s, switching_function(settings.switching, settings.boundary_layer)
+    e_l, e_a, q_error = pose_error(p_world, q_world, reference)
+    feedforward = rotate(conjugate(q_error), reference.w_cam)  # w_cd in the camera frame
+    u_l = reference.v_world - k1 * e_l - settings.d_bar_mps * switch(e_l)  # (4-6)
+    u_a = feedforward - k1 * e_a - settings.d_bar_radps * switch(e_a)  # (4-6), see the module's text
+    return CameraControl(u_l, u_a, reference.a_world, e_l, e_a, reference)
+
+
 class SlidingModeController:
     """The law (4-6) for N cameras at once; ``settings`` chooses gains and the switching function."""
 
     def __init__(self, settings: ControllerSettings) -> None:
-        self._k1 = settings.k1_per_s
-        self._d_linear, self._d_angular = settings.d_bar_mps, settings.d_bar_radps
-        self._switch = switching_function(settings.switching, settings.boundary_layer)
+        s = settings
+        self._gains = np.array([s.k1_per_s, s.d_bar_mps, s.d_bar_radps, s.boundary_layer])
+        self._code = SWITCHING_CODE[s.switching]
 
     def control(self, p_world: Array, q_world: Array, reference: Reference) -> CameraControl:
         """Velocity commands for cameras at ``p_world`` (N,3), ``q_world`` (N,4, either sign)."""
-        k1, switch = self._k1, self._switch
-        e_l, e_a, q_error = pose_error(p_world, q_world, reference)
-        feedforward = rotate(conjugate(q_error), reference.w_cam)  # w_cd in the camera frame
-        u_l = reference.v_world - k1 * e_l - self._d_linear * switch(e_l)  # (4-6)
-        u_a = feedforward - k1 * e_a - self._d_angular * switch(e_a)  # (4-6), see the module's text
-        return CameraControl(u_l, u_a, reference.a_world, e_l, e_a, reference)
+        r = reference
+        desired = (r.p_world, r.q_world, r.v_world, r.w_cam)
+        u_l, u_a, e_l, e_a = control_compiled(p_world, q_world, *desired, self._gains, self._code)
+        return CameraControl(u_l, u_a, r.a_world, e_l, e_a, r)
