@@ -1,7 +1,7 @@
 """Estimators and predictors of a target's pose, and the motion model they learn.
 
-Every estimator of one target is a ``TargetFilter`` (``protocol``): ``LearningEstimator`` learns the motion per region and
-predicts across gaps, ``ConstantVelocityEKF`` is the baseline, ``IdealPredictor`` knows the true velocities.
+Every estimator of one target is a ``TargetFilter`` (``protocol``): ``LearningEstimator`` learns the motion per region
+and predicts across gaps, ``ConstantVelocityEKF`` is the baseline, ``IdealPredictor`` knows the true velocities.
 
 Read next: ``learning_estimator`` for the whole, then ``concurrent_learning`` (update laws), ``propagate`` (predictor),
 ``stack`` and ``selection`` (what data is kept), ``gap`` (learning where nothing was measured), ``placement`` (kernels).

@@ -26,7 +26,6 @@ directions in which the stack holds almost nothing drift to whatever the noise a
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -148,7 +147,7 @@ def implicit_step(
 
 
 def make_rule(settings: StackSettings, kernels: int) -> SelectionRule:
-    """The selection rule that the settings name."""
+    """Return the selection rule that the settings name."""
     if settings.rule == "lambda_min":
         return SmallestEigenvalueRule()
     return DOptimalRule(settings.size, kernels, settings.regularisation)
@@ -215,7 +214,8 @@ class MotionModel:
 
     def _exact_inverse(self, dt_s: float) -> Array:
         eye = np.eye(len(self.weights))
-        return np.linalg.inv(eye + self._rate(dt_s) * (self.psi + self._settings.leakage * eye))
+        matrix = eye + self._rate(dt_s) * (self.psi + self._settings.leakage * eye)
+        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
     def step(self, sigma: Array | None = None, error: Array | None = None) -> None:
         """Advance the weights by one nominal step, with (sigma (p,), G^T eta_til (8,)) or without feedback."""
@@ -264,7 +264,3 @@ class MotionModel:
     def excited_s(self) -> float:
         """Time T at which finite excitation (3-19) first held, s (inf before)."""
         return min(self.integral.excited_s, self.instantaneous.excited_s)
-
-
-#: names of the forms and mixes, for tests over all variants
-Form = Literal["twist", "stacked"]

@@ -51,7 +51,9 @@ def predict_covariances(
     return cov_p_next, f @ cov_q @ f.T + rho_q * noise
 
 
-def update_position(p: Array, v: Array, cov: Array, measured: Array, variance: float) -> tuple[Array, Array, Array]:
+def update_position(
+    p: Array, v: Array, cov: Array, measured: Array, variance: float
+) -> tuple[Array, Array, Array]:
     """Kalman update of (p, v) with a measured position (3,)."""
     s = cov[0, 0] + variance
     k0, k1 = cov[0, 0] / s, cov[1, 0] / s
@@ -77,7 +79,7 @@ def _update_orientation(
 def coast(
     t_s: float, p: Array, q: Array, v: Array, w: Array, horizon_s: float, dt_s: float
 ) -> tuple[Array, Array, Array]:
-    """Times (K,), positions (K, 3) and orientations (K, 4) at constant velocity and constant body rate.
+    """Return times (K,), positions (K, 3) and orientations (K, 4) at constant velocity and constant body rate.
 
     Raises
     ------
@@ -183,14 +185,14 @@ class ConstantVelocityEKF:
     def rollout(self, horizon_s: float, dt_s: float) -> Rollout:
         """See ``TargetFilter.rollout``."""
         t, p, q = coast(self._t, self._p, self._q, self._v, self._w, horizon_s, dt_s)
-        tau = t - self._t
+        tau = dt_s * np.arange(1, len(t) + 1, dtype=np.float64)
         c, rho = self._cov_p, self._settings.accel_psd_m2ps3
         variance = c[0, 0] + 2.0 * tau * c[0, 1] + tau**2 * c[1, 1] + rho * tau**3 / 3.0
         radius = 3.0 * np.sqrt(variance) if self._region >= 0 else np.full(len(tau), np.inf)
         return Rollout(t, p, q, radius)
 
     def diagnostics(self) -> dict[str, float]:
-        """Standard deviations of position, velocity, orientation and body rate on one axis."""
+        """Return standard deviations of position, velocity, orientation and body rate on one axis."""
         return {
             "position_std_m": math.sqrt(self._cov_p[0, 0]),
             "velocity_std_mps": math.sqrt(self._cov_p[1, 1]),

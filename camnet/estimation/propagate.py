@@ -79,7 +79,7 @@ def model_twist(
             sigma = math.exp(-0.5 * quad)
             for o in range(COLUMNS):
                 out[o] += sigma * weights[k, o]
-    support = min(1.0, max(0.0, out[UNIT]))
+    support: float = min(1.0, max(0.0, out[UNIT]))
     rest = 1.0 - support if use_prior else 0.0
     for i in range(3):
         twist[i] = out[i] + rest * prior[i]

@@ -7,6 +7,7 @@ a radian). It is a record of what happened, not a certificate.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 __all__ = ["ErrorRadius"]
@@ -27,7 +28,7 @@ class ErrorRadius:
         self._rates: deque[float] = deque(maxlen=REMEMBERED_GAPS)
 
     def seen(self, residual_m: float) -> None:
-        """A measurement while seen differed from the estimate by ``residual_m``."""
+        """Note that a measurement while seen differed from the estimate by ``residual_m``."""
         self._mean_square += (residual_m**2 - self._mean_square) / MEMORY
 
     def crossed(self, residual_m: float, duration_s: float) -> None:
@@ -37,7 +38,7 @@ class ErrorRadius:
 
     def base(self) -> float:
         """Three standard deviations of the residuals while seen, m."""
-        return 3.0 * float(self._mean_square) ** 0.5
+        return 3.0 * math.sqrt(self._mean_square)
 
     def growth(self, speed_mps: float) -> float:
         """Growth while unseen, m/s."""

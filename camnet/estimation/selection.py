@@ -99,7 +99,9 @@ class DOptimalRule:
     def _count(self, rows: Array, gram: Array) -> None:
         self._changes += 1
         if self._changes % REFRESH_EVERY == 0:
-            self._inverse = np.linalg.inv(gram + self._delta * np.eye(len(gram)))
+            self._inverse = np.asarray(
+                np.linalg.inv(gram + self._delta * np.eye(len(gram))), dtype=np.float64
+            )
             self._leverage[: len(rows)] = np.einsum("ij,jk,ik->i", rows, self._inverse, rows, optimize=True)
 
 

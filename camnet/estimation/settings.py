@@ -57,7 +57,7 @@ class GapSettings(Settings):
 
     prior: Literal["none", "constant_velocity", "constant_turn"] = "constant_turn"
     turn_memory_s: Positive = 10.0
-    handover_s: Positive = 0.3
+    handover_s: Positive = 1.0
     learn_across: bool = True
     entry_s: Positive = 0.6
     max_gap_s: Positive = 60.0

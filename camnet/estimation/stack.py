@@ -108,7 +108,7 @@ class HistoryStack:
         return self._lambda_min
 
     def lambda_min_visited(self, share: float = 0.05) -> float:
-        """The same over the kernels that data has reached: diagonal above ``share`` of the largest."""
+        """Return the same over the kernels that data has reached: diagonal above ``share`` of the largest."""
         diagonal = self.gram.diagonal()
         keep = np.flatnonzero(diagonal > share * max(float(diagonal.max()), 1e-300))
         return float(np.linalg.eigvalsh(self.gram[np.ix_(keep, keep)])[0]) if len(keep) else 0.0

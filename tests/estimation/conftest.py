@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -93,9 +93,9 @@ class Result:
     replica: Replica
     position_m: np.ndarray
     orientation_rad: np.ndarray
+    radius_m: np.ndarray
     cpu_s: float
     filter: TargetFilter
-    extra: dict[str, float] = field(default_factory=dict)
 
     def rmse(self, seen: bool, first: int, last: int = 99, kind: str = "position_m") -> float:
         r = self.replica
@@ -116,7 +116,7 @@ def run_replica(
     measured_q = rotations.multiply(replica.q, rotations.exp(noise_rad * rng.standard_normal((n, 3))))
     measured_q *= rng.choice([-1.0, 1.0], size=(n, 1))
     measurements = [to_measurement(replica.t[k], measured_p[k], measured_q[k]) for k in range(n)]
-    position, orientation = np.zeros(n), np.zeros(n)
+    position, orientation, radius = np.zeros(n), np.zeros(n), np.zeros(n)
     cpu = time.process_time()
     for k in range(n):
         if replica.region[k] >= 0:
@@ -125,8 +125,9 @@ def run_replica(
             target_filter.predict(float(replica.t[k]))
         e = target_filter.estimate
         position[k] = np.linalg.norm(e.p_world - replica.p[k])
+        radius[k] = e.radius_m
         orientation[k] = 2 * math.acos(min(1.0, abs(float(e.q_world @ replica.q[k]))))
-    return Result(replica, position, orientation, time.process_time() - cpu, target_filter)
+    return Result(replica, position, orientation, radius, time.process_time() - cpu, target_filter)
 
 
 @pytest.fixture(scope="session")

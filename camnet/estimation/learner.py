@@ -1,0 +1,169 @@
+"""What the learning estimator remembers of each region, and how measured poses become entries of the stacks.
+
+Every region has a ``RegionMemory``: its motion model, error radius and outlier gate. One ``Learner`` turns the stream
+of measured poses into integral windows (3-11), regressed rates (3-13) and, after a re-sighting, windows of the path
+across the gap, and offers them to the memory in force (the gap's windows to the memory of the region that was left).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from camnet.estimation.basis import RbfBasis
+from camnet.estimation.concurrent_learning import MotionModel
+from camnet.estimation.gap import EndState, PoseHistory, gap_windows
+from camnet.estimation.propagate import COLUMNS, TWIST_OUTPUTS, UNIT
+from camnet.estimation.radius import ErrorRadius
+from camnet.estimation.settings import EstimatorSettings
+from camnet.estimation.windows import WindowCollector
+from camnet.geometry.rotations_compiled import align_sign, multiply
+from camnet.types import Array
+
+__all__ = ["Learner", "OutlierGate", "RegionMemory"]
+
+#: windows refused in a row as outliers before the target is believed to have changed its ways
+CHANGE_AFTER = 5
+#: share of a new residual in the running mean square
+RESIDUAL_SHARE = 0.05
+#: the gate judges a window only where the model answers for the motion to within this
+KNOWN_WITHIN = 0.1
+#: eigenvalues for the diagnostics are computed at most this often, s
+EIGENVALUE_PERIOD_S = 5.0
+
+
+class OutlierGate:
+    """Refuses windows whose residual is far from the recent ones; gives in after several refusals in a row."""
+
+    def __init__(self, gate: float) -> None:
+        self._gate = gate
+        self._mean_square = np.array([math.inf, math.inf])
+        self._refused_in_a_row = 0
+        self.refused = 0
+
+    def passes(self, row: Array, increment: Array, weights: Array) -> bool:
+        """Whether the window (row (p,), increment (8,)) agrees with the weights (p, 8), where they know anything."""
+        residual = increment - row @ weights
+        duration = increment[UNIT]
+        if abs(residual[UNIT]) > KNOWN_WITHIN * duration:
+            return True
+        r = np.array([residual[0:3] @ residual[0:3], residual[3:7] @ residual[3:7]]) / duration**2
+        if not np.isfinite(self._mean_square).all():
+            self._mean_square = r
+            return True
+        far = bool((r > self._gate**2 * self._mean_square + 1e-6).any())
+        if far and self._refused_in_a_row < CHANGE_AFTER:
+            self._refused_in_a_row += 1
+            self.refused += 1
+            return False
+        self._refused_in_a_row = 0
+        self._mean_square += RESIDUAL_SHARE * (r - self._mean_square)
+        return True
+
+
+class RegionMemory:
+    """Everything kept of one region while the target is elsewhere."""
+
+    def __init__(self, settings: EstimatorSettings, kernels: int, dt_s: float) -> None:
+        self._alpha = settings.alpha
+        self.model = MotionModel(settings, kernels, dt_s)
+        self.radius = ErrorRadius()
+        self.gate = OutlierGate(settings.stack.outlier_gate)
+        self.last_in_force_s = 0.0
+        self._checked_s = -math.inf
+        self._lambda_min, self._lambda_min_visited = 0.0, 0.0
+
+    def diagnostics(self, t_s: float) -> dict[str, float]:
+        """Sizes, eigenvalues (at most ``EIGENVALUE_PERIOD_S`` old), excitation and weight norm."""
+        stack = self.model.integral if self._alpha > 0.0 else self.model.instantaneous
+        if t_s - self._checked_s >= EIGENVALUE_PERIOD_S:
+            self._checked_s = t_s
+            self._lambda_min, self._lambda_min_visited = stack.lambda_min(), stack.lambda_min_visited()
+        excited = self.model.excited_s()
+        return {
+            "stack_size": float(self.model.integral.count + self.model.instantaneous.count),
+            "lambda_min": self._lambda_min,
+            "lambda_min_visited": self._lambda_min_visited,
+            "excited": float(math.isfinite(excited)),
+            "excited_s": excited,
+            "weight_norm": float(np.linalg.norm(self.model.weights[:, :UNIT])),
+            "outliers": float(self.gate.refused),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Gap:
+    """A gap that was crossed and waits for the velocity at its far end."""
+
+    memory: RegionMemory
+    exit: EndState
+    entry_s: float
+
+
+class Learner:
+    """Collects measured poses of one uninterrupted sighting after another."""
+
+    def __init__(self, settings: EstimatorSettings, basis: RbfBasis, dt_s: float) -> None:
+        self._settings = settings
+        self._basis = basis
+        self._stacked = settings.form == "stacked"
+        stack = settings.stack
+        self._windows = WindowCollector(basis.size, stack.window_s, dt_s, stack.average, self._stacked)
+        self._history = PoseHistory(settings.regression_samples)
+        self._gap: _Gap | None = None
+        self.gaps_learned = 0
+
+    def interrupt(self, last_seen_s: float) -> EndState | None:
+        """End the sighting; returns how the target left (None if it was too short to tell)."""
+        state = self._history.fit(last_seen_s)
+        self._windows.clear()
+        self._history.clear()
+        self._gap = None
+        return state
+
+    def bridge(self, memory: RegionMemory, exit_: EndState, entry_s: float) -> None:
+        """Remember to learn the gap that has just ended, for the region that was left."""
+        self._gap = _Gap(memory, exit_, entry_s)
+
+    def learn(self, t_s: float, p: Array, q: Array, sigma: Array, memory: RegionMemory) -> EndState | None:
+        """Take a measured pose and its sigma (p,); returns the present motion once enough poses are there."""
+        self._history.push(t_s, p, q)
+        window = self._windows.push(t_s, p, q, sigma)
+        if window is not None:
+            if memory.gate.passes(*window, memory.model.weights):
+                memory.model.learn_window(t_s, *window)
+            if self._settings.alpha < 1.0:
+                self._learn_rate(t_s, q, memory)
+        if self._gap is not None and t_s - self._gap.entry_s >= self._settings.gap.entry_s:
+            self._learn_gap(t_s, self._gap)
+            self._gap = None
+        if 3 * self._history.count < self._settings.regression_samples:
+            return None
+        return self._history.fit(t_s)
+
+    def _learn_rate(self, t_s: float, q: Array, memory: RegionMemory) -> None:
+        """Offer a regressed rate at the middle of the history, (3-13), (4-20)."""
+        state = self._history.fit(self._history.middle_s)
+        if state is None:
+            return
+        rate = np.zeros(COLUMNS)
+        rate[0:3], rate[UNIT] = state.v, 1.0
+        if self._stacked:
+            rate[3:7] = 0.5 * multiply(align_sign(state.q, q), np.concatenate(([0.0], state.w)))
+        else:
+            rate[3:TWIST_OUTPUTS] = state.w
+        memory.model.learn_rate(t_s, self._basis(state.p, state.q), rate)
+
+    def _learn_gap(self, t_s: float, gap: _Gap) -> None:
+        """Reconstruct the path across the gap and put its windows into the stack of the region of exit."""
+        entry = self._history.fit(gap.entry_s)
+        if entry is None:
+            return
+        windows = gap_windows(
+            gap.exit, entry, self._basis, self._settings.stack.window_s, self._stacked, self._settings.gap
+        )
+        for row, increment, weight in windows:
+            gap.memory.model.learn_window(t_s, row, increment, weight)
+        self.gaps_learned += bool(windows)
