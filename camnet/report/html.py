@@ -12,14 +12,15 @@ from typing import Any
 from camnet.report.run_data import RunData
 from camnet.report.style import FILTER_LABELS
 
-__all__ = ["table", "write_page", "write_report"]
+__all__ = ["picture", "table", "write_page", "write_report"]
 
 #: a video larger than this stays beside the page instead of inside it
 _EMBED_LIMIT_BYTES = 12_000_000
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2rem auto;padding:0 1rem;color:#222}
 h1{font-size:1.5rem;margin-bottom:.2rem}h2{font-size:1.1rem;margin-top:2rem;border-bottom:1px solid #ddd}
-table{border-collapse:collapse;margin:.6rem 0}td,th{padding:.25rem .8rem;border-bottom:1px solid #e5e5e5;text-align:right}
+table{border-collapse:collapse;margin:.6rem 0}
+td,th{padding:.25rem .8rem;border-bottom:1px solid #e5e5e5;text-align:right}
 td:first-child,th:first-child{text-align:left}th{font-weight:600;background:#f6f5f1}img,video{max-width:100%}
 .figures{display:flex;gap:1.2rem;flex-wrap:wrap}.figures div{background:#f6f5f1;padding:.6rem 1rem;border-radius:.4rem}
 .figures b{display:block;font-size:1.3rem}.warn{background:#fdecea;padding:.6rem 1rem;border-radius:.4rem}
@@ -66,9 +67,9 @@ def write_report(run: RunData, path: Path) -> None:
             f'<p class="warn">This run was interrupted after {summary["simulated_s"]:.1f} of '
             f"{scenario.run.duration_s:.0f} s; its figures are valid up to there.</p>"
         )
-    parts += [_headline(summary), _picture(run.folder / "map.png", "map"), _video(run.folder / "video.mp4")]
+    parts += [_headline(summary), picture(run.folder / "map.png", "map"), _video(run.folder / "video.mp4")]
     parts += ["<h2>How well each estimator did</h2>", _estimator_table(run)]
-    parts += [_picture(run.folder / "estimates.png", "estimates over time")]
+    parts += [picture(run.folder / "estimates.png", "estimates over time")]
     parts += ["<h2>Handoffs</h2>", _handoff_table(run)]
     parts += ["<h2>Dwell times</h2>", _nested_table(summary["dwell"])]
     parts += ["<h2>Controller</h2>", _nested_table(summary["controller"])]
@@ -138,7 +139,8 @@ def _data_uri(path: Path, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
 
 
-def _picture(path: Path, words: str) -> str:
+def picture(path: Path, words: str) -> str:
+    """Return the picture at ``path`` inside the page, or nothing if there is none."""
     return f'<p><img alt="{words}" src="{_data_uri(path, "image/png")}"></p>' if path.exists() else ""
 
 

@@ -23,7 +23,7 @@ from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.visibility import VisibilityTest
-from camnet.simulation.certificates import feature_extent, network_certificates
+from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
 from camnet.simulation.filters import build_filter
 from camnet.simulation.gaps import GapRecorder
@@ -67,7 +67,6 @@ class NetworkSimulation:
             [*network.regions[: network.n_agents], *(None for _ in scenario.fixed_cameras)],
         )
         self._certificates = network_certificates(network)
-        self.extent_m = feature_extent(network)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -87,7 +86,7 @@ class NetworkSimulation:
         )
         self._reference_state = self._references.start(self.snapshot.camera_p_world[: network.n_agents])
         self._sensor = PoseSensor(scenario.sensing, network.n_targets, len(network.cameras))
-        self.disturbance = DisturbanceMonitor(scenario.controller, self.control_dt_s)
+        self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
         self.filters: dict[str, list[TargetFilter]] = {
             name: [self._filter(name, m) for m in range(network.n_targets)] for name in self.filter_names
         }
@@ -133,17 +132,12 @@ class NetworkSimulation:
                 self._sense()
 
     def _control_step(self, setpoints: Setpoints) -> None:
-        n = self.network.n_agents
-        if n:
-            reference = self._references.reference(self._reference_state)
-            p_world, q_world = self.snapshot.camera_p_world[:n], self.snapshot.camera_q_world[:n]
-            control = self._controller.control(p_world, q_world, reference)
-            self.disturbance.update(p_world, q_world, reference, control)
-            command = CameraCommand(control.v_world, control.w_cam)
-        else:
-            command = CameraCommand.zeros(0)
-        self.snapshot = self.world.step(command)
+        n, before = self.network.n_agents, self.snapshot
+        reference = self._references.reference(self._reference_state)
+        control = self._controller.control(before.camera_p_world[:n], before.camera_q_world[:n], reference)
+        self.snapshot = self.world.step(CameraCommand(control.v_world, control.w_cam))
         self.count += 1
+        self.disturbance.update(before, self.snapshot, control)
         self._reference_state = self._references.step(
             self._reference_state, setpoints.p_world, setpoints.gaze_rad
         )

@@ -119,18 +119,14 @@ def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints
 def _setpoint(simulation: NetworkSimulation, j: int, task: Task) -> Setpoint:
     network, now = simulation.network, simulation.snapshot
     region, camera, settings = network.regions[j], network.cameras[j], network.scenario.controller
-    yaw = network.description.agents[j].start_yaw_rad
     if task.role is Role.TRACK:
-        e = simulation.driving[task.target].estimate
-        radius = simulation.extent_m + e.radius_m
-        return track(e.p_world, e.v_world, region, camera, settings, radius, now.camera_p_world[j], yaw)
+        estimate = simulation.driving[task.target].estimate
+        return track(estimate, region, camera, settings, now.camera_p_world[j])
     if task.role is Role.INTERCEPT and task.entry is not None:
         entry = task.entry
-        radius = simulation.extent_m + entry.radius_m
-        return intercept(
-            entry.p_world, entry.v_world, entry.t_s, radius, region, camera, settings, now.t_s, yaw
-        )
-    return loiter(region, settings)
+        late_s = now.t_s - entry.t_s
+        return intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, settings, late_s)
+    return loiter(region, camera, settings)
 
 
 def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 from camnet.simulation.certificates import network_report
@@ -25,7 +24,7 @@ def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -
         **statistics.episode(simulation),
         "baselines": statistics.baselines(simulation),
         "dwell": _dwell(simulation),
-        "controller": _controller(simulation),
+        "controller": simulation.disturbance.summary(),
         "gaps": summarise_gaps([gap for recorder in simulation.gaps for gap in recorder.gaps]),
         "collision_list": [{"t_s": t, "bodies": [a, b]} for t, a, b in statistics.collisions],
         "estimator": {
@@ -36,20 +35,6 @@ def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -
         "interrupted": interrupted,
         "real_time_factor": simulated_s / wall_s if wall_s > 0 else None,
     }
-
-
-def _controller(simulation: NetworkSimulation) -> dict[str, Any]:
-    """Tracking error and realised disturbance; ``max_error`` and ``disturbance_max`` are the linear ones, m, m/s."""
-    if simulation.network.n_agents == 0:
-        return {"max_error": None, "bound_exceeded": 0, "disturbance_max": None}
-    figures = asdict(simulation.disturbance.summary())
-    head = {
-        "max_error": figures["error_linear_max"],
-        "bound_exceeded": figures["bound_exceeded"],
-        "disturbance_max": figures["linear_max"],
-        "disturbance_bound": simulation.network.scenario.controller.d_bar_mps,
-    }
-    return {**head, **figures}
 
 
 def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:
