@@ -60,7 +60,7 @@ def test_filter_finds_a_straight_line():
 BOUNDS = np.array([[-60.0, -60.0], [60.0, 60.0]])
 
 
-def walk(field, speed, count=60):
+def walk(field, speed, count=40):
     """Targets that walk a circle of radius 40 m, seen on its right half only; the left half is a gap."""
     rate = speed / 40.0
 
@@ -86,7 +86,7 @@ def test_flow_across_gaps_is_learned_only_with_the_windows_across():
     errors = {}
     for across in (False, True):
         settings = FlowSettings(
-            learn_across=across, prior=False, refit_after=20, regularisation=0.1, window_s=15.0
+            learn_across=across, prior=False, refit_after=40, regularisation=0.1, window_s=15.0
         )
         field = FlowField(settings, 1, BOUNDS)
         exit_, t, half = walk(field, speed=1.3)
@@ -105,7 +105,7 @@ def test_flow_without_data_is_the_fading_exit_velocity():
 
 
 def test_flow_uses_no_model_from_after_the_exit():
-    settings = FlowSettings(prior=False, refit_after=10)
+    settings = FlowSettings(prior=False, refit_after=10, headings=1)
     field = FlowField(settings, 1, BOUNDS)
     walk(field, speed=1.3, count=20)
     early = sighting(0.0, (40.0, 0.0), (0.0, 1.3))
@@ -114,6 +114,6 @@ def test_flow_uses_no_model_from_after_the_exit():
 
 @pytest.mark.parametrize("t", [1.0, 500.0])
 def test_flow_prediction_is_finite(t):
-    field = FlowField(FlowSettings(refit_after=10), 1, BOUNDS)
+    field = FlowField(FlowSettings(refit_after=10, headings=1), 1, BOUNDS)
     _, now, _ = walk(field, speed=1.3, count=20)
     assert np.all(np.isfinite(field.position(sighting(now + 1, (500.0, 0.0), (1, 1)), now + 1 + t)))

@@ -112,8 +112,8 @@ def test_the_map_holds_what_a_picture_needs():
     assert picture.cameras == ("west", "east", "north")
     assert picture.exits.shape == picture.entries.shape == picture.predicted.shape
     (outline,) = picture.footprints[0]
-    np.testing.assert_allclose(outline.min(axis=0), [-10, -10], atol=0.3)
-    np.testing.assert_allclose(outline.max(axis=0), [10, 10], atol=0.3)
+    np.testing.assert_allclose(outline.min(axis=0), [-10, -10], atol=1e-9)
+    np.testing.assert_allclose(outline.max(axis=0), [10, 10], atol=1e-9)
     inside = np.max(np.abs(picture.fixes), axis=1) < 9.5
     assert np.all(picture.seen[inside])
 

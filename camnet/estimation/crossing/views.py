@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from shapely import MultiPolygon, Point, Polygon, distance, unary_union
+from shapely import MultiPolygon, Point, Polygon, distance, make_valid
 
 from camnet.geometry import rotations
 from camnet.geometry.pinhole import Pinhole
@@ -22,7 +22,8 @@ __all__ = ["CameraViews", "fold_radius"]
 
 _MAX_RADIUS = 5.0
 _RADII = 5001
-_AZIMUTHS = 720
+#: points that stand for each side of a distorted picture
+_BORDER_SAMPLES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,35 +75,30 @@ class CameraViews:
             cameras[lost] = np.where(np.isnan(gaps), np.inf, gaps).argmin(axis=1)
         return cameras
 
-    def footprints(self, step_m: float = 0.5) -> list[Polygon | MultiPolygon]:
+    def footprints(self) -> list[Polygon | MultiPolygon]:
         """Outline the ground that each camera sees within its range; empty where it sees none.
 
-        The ground is cut into slices about the camera's foot; in each, what is seen is found every ``step_m``.
+        The picture's border is undistorted, cut to rays that meet the ground between the near range and the range cap
+        (half-planes of the normalised image), carried to the ground, and cut to the range cap.
         """
-        return [self._footprint(c, step_m) for c in range(len(self.pinholes))]
+        return [self._footprint(c) for c in range(len(self.pinholes))]
 
-    def _footprint(self, camera: int, step_m: float) -> Polygon | MultiPolygon:
+    def _footprint(self, camera: int) -> Polygon | MultiPolygon:
+        height = float(self.p_world[camera, 2]) - self.height_m
+        if not 0.0 < abs(height) < self.range_cap_m:
+            return Polygon()
+        r = rotations.to_matrix(self.q_world[camera])
+        border = self.pinholes[camera].normalise(_border(self.pinholes[camera].size))
+        border = border[np.isfinite(border).all(axis=1)]
+        for sign, limit_m in ((1.0, self.range_cap_m), (-1.0, self.near_m)):
+            border = _clip(border, sign * (_inverse_depth(border, r, height) - 1.0 / limit_m))
+        if len(border) < 3:
+            return Polygon()
+        rays = np.column_stack([border, np.ones(len(border))]) @ r.T
         foot = self.p_world[camera, :2]
-        radius = np.arange(0.5 * step_m, self.range_cap_m + step_m, step_m)
-        width = 2.0 * np.pi / _AZIMUTHS
-        azimuth = (np.arange(_AZIMUTHS) + 0.5) * width
-        direction = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-        points = foot + radius[None, :, None] * direction[:, None, :]
-        single = CameraViews(
-            (self.pinholes[camera],),
-            self.p_world[camera : camera + 1],
-            self.q_world[camera : camera + 1],
-            self.height_m,
-            self.near_m,
-            self.range_cap_m,
-        )
-        seen = (single.camera_of(points.reshape(-1, 2)) == 0).reshape(_AZIMUTHS, -1)
-        sectors = [
-            _sector(foot, azimuth[k], 0.501 * width, radius[a] - 0.5 * step_m, radius[b] + 0.5 * step_m)
-            for k in np.flatnonzero(seen.any(axis=1))
-            for a, b in _runs(seen[k])
-        ]
-        return unary_union(sectors) if sectors else Polygon()
+        ground = foot + rays[:, :2] / _inverse_depth(border, r, height)[:, None]
+        reach = Point(*foot).buffer(float(np.sqrt(self.range_cap_m**2 - height**2)), quad_segs=64)
+        return make_valid(Polygon(ground)).intersection(reach)
 
 
 def fold_radius(pinhole: Pinhole) -> float:
@@ -115,13 +111,27 @@ def fold_radius(pinhole: Pinhole) -> float:
     return float(r[falling[0]]) if falling.size else float("inf")
 
 
-def _runs(seen: Array) -> list[tuple[int, int]]:
-    """First and last index of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], seen.astype(np.int64), [0]])))
-    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
+def _border(size: Array) -> Array:
+    """Pixels (n, 2) around the picture."""
+    t = np.linspace(0.0, 1.0, _BORDER_SAMPLES, endpoint=False)[:, None]
+    corners = size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    return np.concatenate(
+        [a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    )
 
 
-def _sector(foot: Array, azimuth: float, half: float, inner: float, outer: float) -> Polygon:
-    left = np.array([np.cos(azimuth - half), np.sin(azimuth - half)])
-    right = np.array([np.cos(azimuth + half), np.sin(azimuth + half)])
-    return Polygon([foot + inner * left, foot + outer * left, foot + outer * right, foot + inner * right])
+def _inverse_depth(points: Array, r: Array, height_m: float) -> Array:
+    """1 / depth (n,) at which rays through normalised image points (n, 2) meet the ground; negative if behind."""
+    return np.asarray(-(points @ r[2, :2] + r[2, 2]) / height_m)
+
+
+def _clip(polygon: Array, value: Array) -> Array:
+    """Cut a polygon (n, 2) to where a linear function, ``value`` (n,) at its corners, is not negative."""
+    kept = []
+    for k in range(len(polygon)):
+        a, b = polygon[k - 1], polygon[k]
+        if (value[k - 1] >= 0.0) != (value[k] >= 0.0):
+            kept.append(a + value[k - 1] / (value[k - 1] - value[k]) * (b - a))
+        if value[k] >= 0.0:
+            kept.append(b)
+    return np.array(kept).reshape(-1, 2)
