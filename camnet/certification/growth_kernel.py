@@ -9,6 +9,7 @@ r"""Compiled bounds of a planar Gaussian field's logarithmic norm over a disc; s
 
 from __future__ import annotations
 
+import heapq
 import math
 
 import numpy as np
@@ -94,31 +95,21 @@ def disc_supremum(
     lower, upper = cell_bounds(cx, cy, radius, centres, precision, weights, scale)
     if radius <= 0.0 or upper <= lower + tolerance:
         return upper, lower, 1
-    stack = np.empty((4 * max_cells + 8, 4))  # x, y, half-side, upper bound
-    stack[0] = cx, cy, radius, upper
-    size, cells, settled = 1, 1, -math.inf
-    while size > 0 and cells < max_cells:
-        size -= 1
-        x, y, half, bound = stack[size, 0], stack[size, 1], stack[size, 2], stack[size, 3]
-        if bound <= lower + tolerance:
-            settled = max(settled, bound)
-            continue
+    cells = 1
+    heap = [(-upper, cx, cy, radius)]  # the square of the largest bound is divided next
+    while cells < max_cells:
+        bound, x, y, half = heapq.heappop(heap)
+        if -bound <= lower + tolerance:
+            return max(-bound, lower), lower, cells
         half *= 0.5
         rho = half * math.sqrt(2.0)
         for i in range(4):
             nx, ny = x + half * _SIGNS[i, 0], y + half * _SIGNS[i, 1]
-            away = math.hypot(max(0.0, abs(nx - cx) - half), max(0.0, abs(ny - cy) - half))
-            if away > radius:
+            if math.hypot(max(0.0, abs(nx - cx) - half), max(0.0, abs(ny - cy) - half)) > radius:
                 continue
             cells += 1
-            value, bound = cell_bounds(nx, ny, rho, centres, precision, weights, scale)
+            value, above = cell_bounds(nx, ny, rho, centres, precision, weights, scale)
             if math.hypot(nx - cx, ny - cy) <= radius:
                 lower = max(lower, value)
-            if bound <= lower + tolerance:
-                settled = max(settled, bound)
-            else:
-                stack[size] = nx, ny, half, bound
-                size += 1
-    for i in range(size):
-        settled = max(settled, stack[i, 3])
-    return max(settled, lower), lower, cells
+            heapq.heappush(heap, (-min(above, -bound), nx, ny, half))
+    return max(-heap[0][0], lower), lower, cells
