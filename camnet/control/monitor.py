@@ -31,9 +31,9 @@ import math
 
 import numpy as np
 
+from camnet.control.rates_kernel import mean_rates, row_norms, turn_between
 from camnet.control.settings import ControllerSettings
 from camnet.control.sliding_mode import CameraControl, Reference, switching_loss
-from camnet.geometry.rotations import conjugate, log, multiply, rotate
 from camnet.types import Array, Snapshot
 
 __all__ = ["DisturbanceMonitor", "envelope"]
@@ -98,18 +98,18 @@ class DisturbanceMonitor:
         p0, q0 = before.camera_p_world[: self._n], before.camera_q_world[: self._n]
         p1, q1 = after.camera_p_world[: self._n], after.camera_q_world[: self._n]
         d_linear = (p1 - p0) / dt - control.v_world
-        d_angular = log(multiply(conjugate(q0), q1)) / dt - control.w_cam
+        d_angular = mean_rates(q0, q1, dt) - control.w_cam
         self._judge(control)
         beyond = False
         for norms, d, bar in zip(self._norms, (d_linear, d_angular), self._bars, strict=True):
-            norms.append(np.linalg.norm(d, axis=1))
+            norms.append(row_norms(d))
             beyond = beyond or bool((norms[-1] > bar).any())
         self._exceeded += beyond
         self._last = (dt, d_linear, d_angular, q0, control)
 
     def _judge(self, control: CameraControl) -> None:
         """Compare the errors at this instant with the envelopes, moved on over the period that ends here."""
-        errors = [np.linalg.norm(e, axis=1) for e in (control.e_linear, control.e_angular)]
+        errors = [row_norms(e) for e in (control.e_linear, control.e_angular)]
         if self._last is None:
             for bound, error in zip(self._envelopes, errors, strict=True):
                 bound.start(error)
@@ -129,11 +129,9 @@ class DisturbanceMonitor:
         dt, d_linear, d_angular, q0, control = self._last
         then = control.reference
         slip_linear = (now.p_world - then.p_world) / dt - then.v_world
-        slip = log(multiply(conjugate(then.q_world), now.q_world)) / dt - then.w_cam
-        slip_angular = rotate(multiply(conjugate(q0), then.q_world), slip)  # into the camera's frame
-        return np.linalg.norm(d_linear - slip_linear, axis=1), np.linalg.norm(
-            d_angular - slip_angular, axis=1
-        )
+        slip = mean_rates(then.q_world, now.q_world, dt) - then.w_cam
+        slip_angular = turn_between(q0, then.q_world, slip)  # into the camera's frame
+        return row_norms(d_linear - slip_linear), row_norms(d_angular - slip_angular)
 
     def summary(self) -> dict[str, float | int | bool]:
         """Figures of everything so far: m and m/s for the linear part, rad and rad/s for the angular one.

@@ -21,6 +21,7 @@ from camnet.control.sliding_mode import SlidingModeController
 from camnet.errors import ConfigError
 from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import Rollout, TargetFilter
+from camnet.geometry.regions import BoxRegion
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.visibility import VisibilityTest
 from camnet.simulation.certificates import network_certificates
@@ -66,6 +67,10 @@ class NetworkSimulation:
             [target.features_m for target in network.description.targets],
             [*network.regions[: network.n_agents], *(None for _ in scenario.fixed_cameras)],
         )
+        own = network.regions[: network.n_agents]
+        self._region_boxes = np.array([region.bounds for region in own]).reshape(-1, 2, 3).swapaxes(0, 1)
+        self._not_boxes = [j for j, region in enumerate(own) if not isinstance(region, BoxRegion)]
+        self._rays_clear = world.rays_clear if network.can_occlude else None
         self._certificates = network_certificates(network)
         self.reset(seed)
 
@@ -149,7 +154,7 @@ class NetworkSimulation:
 
     def _sense(self) -> None:
         snapshot = self.snapshot
-        self.visible = self._visibility(snapshot, self.world.rays_clear)
+        self.visible = self._visibility(snapshot, self._rays_clear)
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         self._locate_targets()
         for m, tracker in enumerate(self.trackers):
@@ -183,8 +188,12 @@ class NetworkSimulation:
 
     def agents_outside(self) -> BoolArray:
         """Which agents (N,) are outside their operating regions."""
-        regions, p_world = self.network.regions, self.snapshot.agent_p_world
-        return np.array([not regions[j].contains(p) for j, p in enumerate(p_world)], dtype=bool)
+        p_world = self.snapshot.agent_p_world
+        low, high = self._region_boxes
+        outside = ((p_world < low) | (p_world > high)).any(axis=1)
+        for j in self._not_boxes:
+            outside[j] = not self.network.regions[j].contains(p_world[j])
+        return np.asarray(outside)
 
     def excited(self, m: int, region: int) -> bool:
         """Whether finite excitation holds for the driving model of target ``m`` in ``region``."""

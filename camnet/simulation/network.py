@@ -11,7 +11,7 @@ from camnet.errors import WorldError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.placement import place_basis
 from camnet.geometry.frustum import Frustum
-from camnet.geometry.regions import Region, build_region
+from camnet.geometry.regions import BoxRegion, CylinderRegion, PolytopeRegion, Region, build_region
 from camnet.geometry.rotations import look_at, normalise
 from camnet.geometry.settings import CameraModel
 from camnet.importers.tracks import load_tracks, only_track
@@ -20,6 +20,8 @@ from camnet.motion.protocol import TargetMotion
 from camnet.motion.settings import TargetSettings, TrackTarget
 from camnet.types import Array
 from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, TargetSpec, WorldDescription
+
+_CONVEX = (BoxRegion, CylinderRegion, PolytopeRegion)
 
 __all__ = ["Network", "build_network", "view_volume"]
 
@@ -51,6 +53,16 @@ class Network:
     def n_agents(self) -> int:
         """Number of mobile cameras."""
         return len(self.scenario.agents)
+
+    @property
+    def can_occlude(self) -> bool:
+        """Whether anything can come between a camera and a target that it looks at.
+
+        With one target, no occluders and nothing but agents in convex regions of their own, the sight line stays in
+        the region and the region holds nobody else.
+        """
+        alone = self.n_targets == 1 and not self.occluders and not self.description.cameras
+        return not (alone and all(isinstance(region, _CONVEX) for region in self.regions))
 
     @property
     def n_targets(self) -> int:

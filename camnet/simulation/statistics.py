@@ -9,6 +9,7 @@ import numpy as np
 
 from camnet.certification.monitor import DwellMonitor
 from camnet.certification.network import DwellCertificates
+from camnet.geometry.spacing import least_distance
 from camnet.simulation.metrics import ErrorRecord, delay_summary
 from camnet.types import Snapshot
 
@@ -74,10 +75,8 @@ class RunStatistics:
         outside = simulation.agents_outside()
         self.region_exits += int(np.count_nonzero(outside & ~self._outside))
         self._outside = outside
-        p_world = simulation.snapshot.agent_p_world
-        for j in range(1, len(p_world)):
-            nearest = float(np.linalg.norm(p_world[:j] - p_world[j], axis=1).min())
-            self.least_distance_m = min(self.least_distance_m, nearest)
+        nearest = least_distance(simulation.snapshot.agent_p_world)
+        self.least_distance_m = min(self.least_distance_m, nearest)
 
     @property
     def time_in_view(self) -> float:
