@@ -1,8 +1,8 @@
 """Ways around reflex corners of a polygonal region: shortest paths on its visibility graph.
 
 The corners of shortest paths among polygons are reflex vertices (T. Lozano-Perez, M. A. Wesley, "An algorithm for
-planning collision-free paths among polyhedral obstacles", CACM 1979). Each is moved inwards, along its bisector,
-just beyond the margin, so that the segments between neighbours stay inside the shrunk region.
+planning collision-free paths among polyhedral obstacles", CACM 1979). In the region shrunk by the margin a corner
+becomes an arc; two points just beyond it, each in sight along one of the edges, stand for it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from camnet.types import Array
 __all__ = ["Paths", "PlanarBounds"]
 
 #: corners are passed this much farther in than the margin asks
-_BEYOND = 1.3
+_BEYOND = 1.005
 
 
 class PlanarBounds(Protocol):
@@ -55,14 +55,18 @@ class Paths:
         self._cost = shortest_path(cost) if n else cost
 
     def _reflex_points(self, polygon: Array) -> Array:
-        before, after = np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0)
-        a, b = polygon - before, after - polygon
-        reflex = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0.0
-        left = [np.column_stack([-e[:, 1], e[:, 0]]) / np.linalg.norm(e, axis=1)[:, None] for e in (a, b)]
-        inward = left[0] + left[1]
-        inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-9)[:, None]
-        planar = polygon + _BEYOND * max(self._margin, 0.05) * inward
-        return np.asarray(planar[reflex])
+        """Two points beside every reflex corner, on the two moved edges; the line between them touches the arc."""
+        into = polygon - np.roll(polygon, 1, axis=0)
+        out = np.roll(polygon, -1, axis=0) - polygon
+        into /= np.linalg.norm(into, axis=1, keepdims=True)
+        out /= np.linalg.norm(out, axis=1, keepdims=True)
+        cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
+        turn = np.arctan2(-cross, np.sum(into * out, axis=1))  # positive at reflex corners
+        ahead = np.tan(0.25 * turn)[:, None]
+        left = [np.column_stack([-e[:, 1], e[:, 0]]) for e in (into, out)]
+        size = _BEYOND * max(self._margin, 0.01)
+        first, second = polygon + size * (left[0] + ahead * into), polygon + size * (left[1] - ahead * out)
+        return np.concatenate([first[turn > 1e-9], second[turn > 1e-9]])
 
     def _visible(self, a: Array, b: Array) -> bool:
         region = self._bounds

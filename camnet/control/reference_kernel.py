@@ -5,12 +5,12 @@
 | p, v | `p`, `v` | reference position and velocity |
 | a_max | `a_max` | bound of ``|v'|`` |
 | s | `_stop` | ``p + v norm(v) / (2 a_max)``: where full braking along v ends |
-| O(m) | `_clearance(...) >= m` | the region shrunk by the margin m |
+| O(m) | `clearance(...) >= m` | the region shrunk by the margin m |
 
 Invariant: p and s are in O(m), and the segment between them. A step is taken only when it keeps the invariant; full
 braking always does, since it moves p along that segment and leaves s where it is. For a convex region the two ends are
-enough; for a polygon with reflex corners points of the segment are tested every ``_SPACING_M``, which leaves at
-most ``_SPACING_M^2 / (8 m)`` beyond the margin beside a reflex corner.
+enough; for a polygon the distance between segment and border is computed, exactly. Between two steps p runs on a
+parabola at most ``a_max dt^2 / 8`` from its chord.
 """
 
 from __future__ import annotations
@@ -21,12 +21,11 @@ import numpy as np
 from numba import njit
 
 from camnet.geometry.polygon import signed_distance
-from camnet.types import Array
+from camnet.types import Array, IntArray
 
-__all__ = ["clearance", "gaze_motion", "gaze_step", "position_step", "segment_inside"]
+__all__ = ["clearance", "gaze_motion", "gaze_step", "position_step", "segment_inside", "step_all", "turn_all"]
 
 _TOLERANCE = 1e-9
-_SPACING_M = 0.05
 
 
 @njit(cache=True)
@@ -47,18 +46,34 @@ def clearance(p: Array, planes: Array, disc: Array, polygon: Array) -> float:
 
 
 @njit(cache=True)
+def _crosses(a: Array, b: Array, c: Array, d: Array) -> bool:
+    """Whether the plane segments a-b and c-d cross at an inner point."""
+    ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
+    side_c = ux * (c[1] - a[1]) - uy * (c[0] - a[0])
+    side_d = ux * (d[1] - a[1]) - uy * (d[0] - a[0])
+    side_a = vx * (a[1] - c[1]) - vy * (a[0] - c[0])
+    side_b = vx * (b[1] - c[1]) - vy * (b[0] - c[0])
+    return side_c * side_d < 0.0 and side_a * side_b < 0.0
+
+
+@njit(cache=True)
 def segment_inside(a: Array, b: Array, margin: float, planes: Array, disc: Array, polygon: Array) -> bool:
-    """Whether the segment a-b lies ``margin`` inside the region (polygons: sampled)."""
+    """Whether the segment a-b (ends (3,)) lies ``margin`` inside the region."""
     if clearance(a, planes, disc, polygon) < margin - _TOLERANCE:
         return False
     if clearance(b, planes, disc, polygon) < margin - _TOLERANCE:
         return False
-    if polygon.shape[0] == 0:
+    ux, uy = b[0] - a[0], b[1] - a[1]
+    length2 = ux * ux + uy * uy
+    if polygon.shape[0] == 0 or length2 == 0.0:
         return True
-    length = math.hypot(b[0] - a[0], b[1] - a[1])
-    count = int(length / _SPACING_M)
-    for k in range(1, count + 1):
-        if clearance(a + (b - a) * (k / (count + 1)), planes, disc, polygon) < margin - _TOLERANCE:
+    # both ends are far enough from every edge: what is left are corners beside the segment, and edges across it
+    for k in range(polygon.shape[0]):
+        wx, wy = polygon[k, 0] - a[0], polygon[k, 1] - a[1]
+        t = min(max((wx * ux + wy * uy) / length2, 0.0), 1.0)
+        if math.hypot(wx - t * ux, wy - t * uy) < margin - _TOLERANCE:
+            return False
+        if _crosses(a, b, polygon[k], polygon[(k + 1) % polygon.shape[0]]):
             return False
     return True
 
@@ -123,7 +138,8 @@ def position_step(
 ) -> None:
     """Move ``p``, ``v``, ``a`` (3,), in place, one step towards ``goal`` (3,).
 
-    ``limits`` is v_max, a_max, k_p, k_v, j_max. The jerk stays below j_max but where the region asks for braking.
+    ``limits`` is v_max, a_max, k_p, k_v, j_max. The jerk stays below j_max, except where the region or the
+    speed bound asks for more.
     """
     v_max, a_max, k_p, k_v, j_max = limits[0], limits[1], limits[2], limits[3], limits[4]
     wanted = (_wanted_velocity(p, goal, v_max, a_max, k_p) - v) * min(k_v, 1.0 / dt)
@@ -202,4 +218,44 @@ def gaze_motion(gaze: Array, rate: Array, yaw: float) -> Array:
     wx, wy, wz = 2.0 * (a * db - b * da), 2.0 * (a * dc - c * da), 2.0 * (c * db - b * dc)
     cy, sy = math.cos(yaw), math.sin(yaw)
     out[4], out[5], out[6] = cy * wx + sy * wy, -(cy * wy - sy * wx), -wz
+    return out
+
+
+@njit(cache=True)
+def step_all(
+    motion: Array,
+    goals: Array,
+    looks: Array,
+    planes: Array,
+    plane_ends: IntArray,
+    discs: Array,
+    polygons: Array,
+    polygon_ends: IntArray,
+    margin: float,
+    limits: Array,
+    gaze_limits: Array,
+    dt: float,
+) -> Array:
+    """Step all references: ``motion`` (N,13) is p, v, a (3 each), gaze, gaze rate (2 each).
+
+    ``goals`` (N,3), ``looks`` (N,2); the half-spaces and polygon corners of agent n are the rows between
+    ``plane_ends[n]`` and ``plane_ends[n + 1]``, and so on.
+    """
+    out = motion.copy()
+    for n in range(motion.shape[0]):
+        row = out[n]
+        own_planes = planes[plane_ends[n] : plane_ends[n + 1]]
+        own_polygon = polygons[polygon_ends[n] : polygon_ends[n + 1]]
+        p, v, a = row[0:3], row[3:6], row[6:9]
+        position_step(p, v, goals[n], margin, own_planes, discs[n], own_polygon, limits, dt, a)
+        gaze_step(row[9:11], row[11:13], looks[n], gaze_limits[0], gaze_limits[1], gaze_limits[2], dt)
+    return out
+
+
+@njit(cache=True)
+def turn_all(gaze: Array, rate: Array, yaw: Array) -> Array:
+    """`gaze_motion` of all agents, (N,7)."""
+    out = np.empty((gaze.shape[0], 7))
+    for n in range(gaze.shape[0]):
+        out[n] = gaze_motion(gaze[n], rate[n], yaw[n])
     return out

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from camnet.control.paths import Paths
-from camnet.control.reference_kernel import gaze_motion, gaze_step, position_step
+from camnet.control.reference_kernel import step_all, turn_all
 from camnet.control.settings import ControllerSettings
 from camnet.control.sliding_mode import Reference
 from camnet.errors import ConfigError
 from camnet.geometry.polytope import PolytopeRegion
 from camnet.geometry.regions import CylinderRegion, PrismRegion, Region
-from camnet.types import Array
+from camnet.types import Array, IntArray
 
 __all__ = ["ReferenceGenerator", "ReferenceState", "RegionBounds"]
 
@@ -60,6 +60,12 @@ class RegionBounds:
         return RegionBounds(axes, np.zeros(3), none)
 
 
+def _join(blocks: list[Array], width: int) -> tuple[Array, IntArray]:
+    """Blocks of rows one below the other, and where each begins and ends."""
+    ends = np.concatenate([[0], np.cumsum([len(b) for b in blocks])]).astype(np.int64)
+    return np.concatenate([np.zeros((0, width)), *blocks]), ends
+
+
 class ReferenceGenerator:
     """References of N agents.
 
@@ -87,54 +93,60 @@ class ReferenceGenerator:
                     f"whose largest inscribed ball has radius {region.inradius_m:g} m"
                 )
         self._regions = tuple(regions)
-        self._bounds = tuple(RegionBounds.of(r) for r in regions)
-        self._paths = tuple(Paths(b, self._margin) if len(b.polygon) else None for b in self._bounds)
+        bounds = [RegionBounds.of(r) for r in regions]
+        self._paths = {i: Paths(b, self._margin) for i, b in enumerate(bounds) if len(b.polygon)}
+        self._planes = _join([b.planes for b in bounds], 4)
+        self._discs = np.array([b.disc for b in bounds]).reshape(-1, 3)
+        self._polygons = _join([b.polygon for b in bounds], 2)
         self._yaw = np.asarray(yaw_rad, dtype=float)
         s = settings
         gains = (s.reference_position_gain_per_s, s.reference_velocity_gain_per_s)
         self._limits = np.array(
             [s.reference_v_max_mps, s.reference_a_max_mps2, *gains, s.reference_jerk_max_mps3]
         )
-        self._gaze_limits = (s.reference_w_max_radps, s.reference_w_acceleration_radps2, s.gaze_gain_per_s)
+        self._gaze_limits = np.array(
+            [s.reference_w_max_radps, s.reference_w_acceleration_radps2, s.gaze_gain_per_s]
+        )
         self._gaze_max = s.gaze_max_rad
         self._dt = dt_s
-        self._asked: list[Array | None] = [None] * len(self._regions)
+        self._asked = np.full((len(self._regions), 3), np.nan)
         self._goals = np.zeros((len(self._regions), 3))
 
     def start(self, p_world: Array, gaze: Array | None = None) -> ReferenceState:
         """Start at rest at ``p_world`` (N,3), looking along ``gaze`` (N,2; default straight down)."""
         n = len(self._regions)
-        self._asked = [None] * n
+        self._asked = np.full((n, 3), np.nan)
         look = np.zeros((n, 2)) if gaze is None else np.array(gaze, dtype=float)
         return ReferenceState(
             np.array(p_world, dtype=float), np.zeros((n, 3)), look, np.zeros((n, 2)), np.zeros((n, 3))
         )
 
-    def _goal(self, i: int, setpoint: Array, p: Array) -> Array:
-        """Nearest admissible point to the setpoint; around reflex corners the next corner on the way."""
-        region, paths = self._regions[i], self._paths[i]
-        asked = self._asked[i]
-        if asked is None or not np.array_equal(asked, setpoint):
-            self._asked[i] = setpoint.copy()
-            self._goals[i] = setpoint if region is None else region.project(setpoint, self._margin)
-        return self._goals[i] if paths is None else paths.next_point(p, self._goals[i])
+    def _aim(self, setpoints: Array, p: Array) -> Array:
+        """Nearest admissible points to the setpoints; around reflex corners the next corner on the way."""
+        if not np.array_equal(self._asked, setpoints):
+            self._asked = setpoints.copy()
+            for i, region in enumerate(self._regions):
+                near = setpoints[i] if region is None else region.project(setpoints[i], self._margin)
+                self._goals[i] = near
+        if not self._paths:
+            return self._goals
+        goals = self._goals.copy()
+        for i, paths in self._paths.items():
+            goals[i] = paths.next_point(p[i], goals[i])
+        return goals
 
     def step(self, state: ReferenceState, setpoint_p: Array, setpoint_gaze: Array) -> ReferenceState:
         """Advance by one control period towards setpoints ``setpoint_p`` (N,3), ``setpoint_gaze`` (N,2)."""
-        p, v, a = state.p_world.copy(), state.v_world.copy(), state.a_world.copy()
-        gaze, rate = state.gaze.copy(), state.gaze_rate.copy()
         look = np.minimum(np.maximum(setpoint_gaze, -self._gaze_max), self._gaze_max)
-        for i, b in enumerate(self._bounds):
-            goal = self._goal(i, setpoint_p[i], p[i])
-            bounds = (self._margin, b.planes, b.disc, b.polygon)
-            position_step(p[i], v[i], goal, *bounds, self._limits, self._dt, a[i])
-            gaze_step(gaze[i], rate[i], look[i], *self._gaze_limits, self._dt)
-        return ReferenceState(p, v, gaze, rate, a)
+        goals = self._aim(setpoint_p, state.p_world)
+        now = np.concatenate(
+            [state.p_world, state.v_world, state.a_world, state.gaze, state.gaze_rate], axis=1
+        )
+        bounds = (*self._planes, self._discs, *self._polygons, self._margin)
+        new = step_all(now, goals, look, *bounds, self._limits, self._gaze_limits, self._dt)
+        return ReferenceState(new[:, 0:3], new[:, 3:6], new[:, 9:11], new[:, 11:13], new[:, 6:9])
 
     def reference(self, state: ReferenceState) -> Reference:
         """Pose and exact velocity of the references in ``state``."""
-        n = len(self._regions)
-        turning = np.empty((n, 7))
-        for i in range(n):
-            turning[i] = gaze_motion(state.gaze[i], state.gaze_rate[i], self._yaw[i])
+        turning = turn_all(state.gaze, state.gaze_rate, self._yaw)
         return Reference(state.p_world, turning[:, :4], state.v_world, turning[:, 4:], state.a_world)

@@ -4,36 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from camnet.control import gimbal
 from camnet.control.quadrotor import Command, Memory, QuadrotorModel, RigidState, mixer, step
 from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed
 from camnet.geometry.rotations import exp, multiply, normalise, to_matrix
-from scipy.spatial.transform import Rotation
 
 
 def make_model(**changes) -> QuadrotorModel:
-    values = dict(
-        dt_s=1 / 240,
-        mass_kg=1.1,
-        inertia_kgm2=np.array([0.01, 0.012, 0.018]),
-        arm_m=0.2,
-        thrust_coefficient=6e-6,
-        torque_coefficient=1e-7,
-        rotor_max_radps=900.0,
-        motor_lag_s=0.03,
-        rotor_response_s=0.01,
-        drag_n_per_mps=np.array([0.15, 0.1, 0.2]),
-        gravity_mps2=9.81,
-        v_max_mps=2.5,
-        a_max_mps2=5.0,
-        velocity_gain_per_s=5.0,
-        velocity_integral_per_s2=3.0,
-        attitude_radps=18.0,
-        attitude_damping=0.9,
-        gimbal_rate_max_radps=3.0,
-        gimbal_lag_s=0.02,
-        gimbal_pan_max_rad=1.4,
-    )
+    values = {
+        "dt_s": 1 / 240,
+        "mass_kg": 1.1,
+        "inertia_kgm2": np.array([0.01, 0.012, 0.018]),
+        "arm_m": 0.2,
+        "thrust_coefficient": 6e-6,
+        "torque_coefficient": 1e-7,
+        "rotor_max_radps": 900.0,
+        "motor_lag_s": 0.03,
+        "rotor_response_s": 0.01,
+        "drag_n_per_mps": np.array([0.15, 0.1, 0.2]),
+        "gravity_mps2": 9.81,
+        "v_max_mps": 2.5,
+        "a_max_mps2": 5.0,
+        "velocity_gain_per_s": 5.0,
+        "velocity_integral_per_s2": 3.0,
+        "attitude_radps": 18.0,
+        "attitude_damping": 0.9,
+        "gimbal_rate_max_radps": 3.0,
+        "gimbal_lag_s": 0.02,
+        "gimbal_pan_max_rad": 1.4,
+    }
     return QuadrotorModel(**{**values, **changes})
 
 
