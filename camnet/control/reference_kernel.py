@@ -84,43 +84,78 @@ def _length(x: Array) -> float:
 
 
 @njit(cache=True)
+def _plus(x: Array, factor: float, y: Array) -> Array:
+    """Return ``x + factor y``; loops compile many times faster than array expressions."""
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = x[i] + factor * y[i]
+    return out
+
+
+@njit(cache=True)
+def _times(factor: float, x: Array) -> Array:
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = factor * x[i]
+    return out
+
+
+@njit(cache=True)
+def _set(x: Array, value: Array) -> None:
+    for i in range(3):
+        x[i] = value[i]
+
+
+@njit(cache=True)
 def _wanted_velocity(p: Array, goal: Array, v_max: float, a_max: float, k_p: float) -> Array:
     """Towards the goal: proportional nearby, with room to brake farther away, at most v_max."""
-    away = goal - p
+    away = _plus(goal, -1.0, p)
     distance = _length(away)
     if distance < 1e-12:
         return np.zeros(3)
     # the speed from which a constant deceleration a_max/2 reaches the proportional part without a jump
     near = 0.5 * a_max / k_p**2
     speed = k_p * distance if distance < near else math.sqrt(a_max * (distance - 0.5 * near))
-    return away * (min(speed, v_max) / distance)
+    return _times(min(speed, v_max) / distance, away)
 
 
 @njit(cache=True)
 def _at_most(x: Array, size: float) -> Array:
     length = _length(x)
-    return x * (size / length) if length > size else x
+    return _times(size / length if length > size else 1.0, x)
 
 
 @njit(cache=True)
 def _approach(a: Array, goal: Array, largest_change: float) -> Array:
     """Go from ``a`` towards ``goal``, at most by ``largest_change``."""
-    return a + _at_most(goal - a, largest_change)
+    return _plus(a, 1.0, _at_most(_plus(goal, -1.0, a), largest_change))
 
 
 @njit(cache=True)
 def _stop(p: Array, v: Array, a_max: float) -> Array:
     """Where full braking along ``v`` ends."""
-    return p + v * (_length(v) / (2.0 * a_max))
+    return _plus(p, _length(v) / (2.0 * a_max), v)
 
 
 @njit(cache=True)
 def _gentle_stop(p: Array, v: Array, a: Array, a_max: float, j_max: float) -> Array:
     """Where braking ends about when the jerk is bounded: ``a`` fades first, then the braking sets in."""
     fade = _length(a) / j_max
-    v_then = v + a * (0.5 * fade)
-    p_then = p + v * fade + a * (fade * fade / 3.0)
-    return _stop(p_then, v_then, a_max) + v_then * (0.5 * a_max / j_max)
+    v_then = _plus(v, 0.5 * fade, a)
+    p_then = _plus(_plus(p, fade, v), fade * fade / 3.0, a)
+    return _plus(_stop(p_then, v_then, a_max), 0.5 * a_max / j_max, v_then)
+
+
+@njit(cache=True)
+def _wanted_acceleration(p: Array, v: Array, a: Array, goal: Array, limits: Array, dt: float) -> Array:
+    """Towards the wanted velocity, within the bounds of acceleration, jerk and speed."""
+    v_max, a_max, k_p, k_v, j_max = limits[0], limits[1], limits[2], limits[3], limits[4]
+    lacking = _plus(_wanted_velocity(p, goal, v_max, a_max, k_p), -1.0, v)
+    wanted = _approach(a, _at_most(_times(min(k_v, 1.0 / dt), lacking), a_max), j_max * dt)
+    ahead = _plus(v, dt, wanted)
+    if _length(ahead) > v_max:  # the bounded jerk must not carry the speed beyond its bound
+        wanted = _times(1.0 / dt, _plus(_at_most(ahead, v_max), -1.0, v))
+    return wanted
 
 
 @njit(cache=True)
@@ -141,36 +176,34 @@ def position_step(
     ``limits`` is v_max, a_max, k_p, k_v, j_max. The jerk stays below j_max, except where the region or the
     speed bound asks for more.
     """
-    v_max, a_max, k_p, k_v, j_max = limits[0], limits[1], limits[2], limits[3], limits[4]
-    wanted = (_wanted_velocity(p, goal, v_max, a_max, k_p) - v) * min(k_v, 1.0 / dt)
-    wanted = _approach(a, _at_most(wanted, a_max), j_max * dt)
-    ahead = _length(v + dt * wanted)
-    if ahead > v_max:  # the bounded jerk must not carry the speed beyond its bound
-        wanted = ((v + dt * wanted) * (v_max / ahead) - v) / dt
+    a_max, j_max = limits[1], limits[4]
+    wanted = _wanted_acceleration(p, v, a, goal, limits, dt)
     speed = _length(v)
-    brake = -v * (a_max / speed) if speed > 1e-12 else np.zeros(3)
-    gently = _approach(a, -v * min(a_max / speed, 1.0 / dt) if speed > 1e-12 else np.zeros(3), j_max * dt)
+    brake = _times(-a_max / speed if speed > 1e-12 else 0.0, v)
+    gently = _approach(a, _times(-min(a_max / max(speed, 1e-12), 1.0 / dt), v), j_max * dt)
     inside = clearance(p, planes, disc, polygon) >= margin - 2 * _TOLERANCE
     for k in range(5):
         # as wanted, if a bounded jerk can still brake afterwards; gentle braking; then ever harder
         share = 1.0 if k < 2 else 1.0 - 0.25 * (k - 1)
-        a_next = share * (wanted if k == 0 else gently) + (1.0 - share) * brake
-        v_next = v + dt * a_next
-        p_next = p + 0.5 * dt * (v + v_next)
+        a_next = _plus(_times(share, wanted if k == 0 else gently), 1.0 - share, brake)
+        v_next = _plus(v, dt, a_next)
+        p_next = _plus(_plus(p, 0.5 * dt, v), 0.5 * dt, v_next)
         stop = _stop(p_next, v_next, a_max)
         if k == 0:
             stop = _gentle_stop(p_next, v_next, a_next, a_max, j_max)
         if not inside or segment_inside(p_next, stop, margin, planes, disc, polygon):
-            p[:], v[:], a[:] = p_next, v_next, a_next
+            _set(p, p_next)
+            _set(v, v_next)
+            _set(a, a_next)
             return
     if speed <= a_max * dt:  # comes to rest within the step
-        p += v * (speed / (2.0 * a_max))
-        v[:] = 0.0
-        a[:] = 0.0
+        _set(p, _stop(p, v, a_max))
+        _set(v, np.zeros(3))
+        _set(a, np.zeros(3))
     else:
-        a[:] = brake
-        p += dt * v + 0.5 * dt * dt * brake
-        v += dt * brake
+        _set(a, brake)
+        _set(p, _plus(_plus(p, dt, v), 0.5 * dt * dt, brake))
+        _set(v, _plus(v, dt, brake))
 
 
 @njit(cache=True)
@@ -178,17 +211,20 @@ def gaze_step(
     gaze: Array, rate: Array, goal: Array, w_max: float, a_max: float, k_p: float, dt: float
 ) -> None:
     """Move pan and tilt (2,) and their rates, in place, towards ``goal`` (2,): bounded rate and acceleration."""
-    away = goal - gaze
-    distance = math.hypot(away[0], away[1])
+    x, y = goal[0] - gaze[0], goal[1] - gaze[1]
+    distance = math.hypot(x, y)
     near = 0.5 * a_max / k_p**2
     speed = k_p * distance if distance < near else math.sqrt(a_max * (distance - 0.5 * near))
     scale = min(speed, w_max) / distance if distance > 1e-12 else 0.0
-    change = (away * scale - rate) * min(4.0 * k_p, 1.0 / dt)
-    size = math.hypot(change[0], change[1])
+    gain = min(4.0 * k_p, 1.0 / dt)
+    x, y = gain * (x * scale - rate[0]), gain * (y * scale - rate[1])
+    size = math.hypot(x, y)
     if size > a_max:
-        change *= a_max / size
-    gaze += dt * rate + 0.5 * dt * dt * change
-    rate += dt * change
+        x, y = x * (a_max / size), y * (a_max / size)
+    gaze[0] += dt * rate[0] + 0.5 * dt * dt * x
+    gaze[1] += dt * rate[1] + 0.5 * dt * dt * y
+    rate[0] += dt * x
+    rate[1] += dt * y
 
 
 @njit(cache=True)

@@ -1,0 +1,132 @@
+"""Rigid-body flight: torque frames against an integrator of our own, hover, steps, wind, camera velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pybullet as pb
+import pytest
+from scipy.integrate import solve_ivp
+
+from camnet.control.gimbal import camera_from_body
+from camnet.geometry.rotations import conjugate, kinematic_matrix, log, multiply, rotate, to_matrix
+from camnet.world import CameraCommand
+from camnet.world.pybullet.engine import Engine, xyzw
+from camnet.world.pybullet.shapes import cylinder
+from camnet.world.settings import GimbalSettings, PhysicsSettings, WindSettings
+
+
+def test_free_flight_follows_newton_and_euler():
+    """World-frame force and torque on a tumbling body of unequal inertia, against RK45 of the equations."""
+    mass, inertia = 1.3, np.array([0.01, 0.02, 0.03])
+    force = lambda t: np.array([0.5 * np.sin(3 * t), 0.4, 1.3 * 9.81 - 0.5])  # noqa: E731
+    torque = lambda t: np.array([0.02 * np.cos(2 * t), -0.01, 0.015 * np.sin(t)])  # noqa: E731
+    q0 = np.array([0.8, 0.4, -0.2, 0.4]) / np.linalg.norm([0.8, 0.4, -0.2, 0.4])
+    step_hz = 960
+    engine = Engine(PhysicsSettings(step_hz=step_hz))
+    body = engine.add("b", cylinder(0.2, 0.1, np.zeros(3)), (0, 0, 10), q0, (1, 1, 1, 1), mass)
+    engine.make_free(body, mass, inertia.tolist())
+    engine.place(body, (0, 0, 10), xyzw(q0))
+    w0 = rotate(q0, np.array([0.5, -0.8, 1.0]))
+    pb.resetBaseVelocity(body, (0.3, 0, 0), w0.tolist(), engine.client)
+    for k in range(step_hz):
+        p, _ = pb.getBasePositionAndOrientation(body, engine.client)
+        pb.applyExternalForce(body, -1, force(k / step_hz), p, pb.WORLD_FRAME, engine.client)
+        pb.applyExternalTorque(body, -1, torque(k / step_hz), pb.WORLD_FRAME, engine.client)
+        pb.stepSimulation(engine.client)
+
+    def rates(t, x):
+        q, w = x[6:10] / np.linalg.norm(x[6:10]), x[10:]
+        body_torque = to_matrix(q).T @ torque(t)
+        spin = (body_torque - np.cross(w, inertia * w)) / inertia
+        return np.concatenate([x[3:6], force(t) / mass - [0, 0, 9.81], 0.5 * kinematic_matrix(q) @ w, spin])
+
+    start = np.concatenate([[0, 0, 10], [0.3, 0, 0], q0, [0.5, -0.8, 1.0]])
+    end = solve_ivp(rates, (0, 1), start, rtol=1e-9, atol=1e-9).y[:, -1]
+    p, q = pb.getBasePositionAndOrientation(body, engine.client)
+    v, w = pb.getBaseVelocity(body, engine.client)
+    engine.close()
+    q_engine = np.roll(q, 1)
+    np.testing.assert_allclose(p, end[:3], atol=2e-3)
+    np.testing.assert_allclose(v, end[3:6], atol=2e-3)
+    assert np.linalg.norm(log(multiply(conjugate(end[6:10]), q_engine))) < 0.02
+    np.testing.assert_allclose(w, rotate(end[6:10], end[10:]), atol=0.03)
+
+
+def test_hovers_without_moving(open_world):
+    world, start = open_world()
+    for _ in range(120):
+        now = world.step(CameraCommand.zeros(2))
+    np.testing.assert_allclose(now.camera_p_world, start.camera_p_world, atol=1e-6)
+    assert now.t_s == pytest.approx(2.0)
+    assert now.step == 480
+
+
+def test_velocity_step_response(open_world):
+    world, _ = open_world()
+    wanted = np.array([[0.8, -0.3, 0.2], [0.0, 0.0, 0.5]])
+    speeds = []
+    for _ in range(480):
+        speeds.append(world.step(CameraCommand(wanted, np.zeros((2, 3)))).camera_v_world)
+    np.testing.assert_allclose(speeds[-1], wanted, atol=0.01)
+    assert np.linalg.norm(speeds[40] - wanted, axis=1).max() < 0.3
+    assert np.abs(speeds).max() < 1.25 * 0.8  # overshoot
+
+
+def test_camera_turns_while_the_body_flies(open_world):
+    world, before = open_world()
+    turn = np.array([[0.3, -0.2, 0.1]] * 2)
+    for k in range(90):
+        v = np.array([[0.5 * np.sin(k / 10), 0.3, 0.0]] * 2)
+        before, now = world._snapshot, world.step(CameraCommand(v, turn))
+    for i in range(2):
+        turned = log(multiply(conjugate(before.camera_q_world[i]), now.camera_q_world[i])) * 60
+        np.testing.assert_allclose(turned, turn[i], atol=0.1)
+        np.testing.assert_allclose(now.camera_w_cam[i], turn[i], atol=0.1)
+
+
+def test_camera_pose_and_velocity_of_an_offset_camera(open_world):
+    offset = (0.05, -0.02, -0.1)
+    world, now = open_world(gimbal=GimbalSettings(offset_m=offset))
+    for k in range(40):
+        v = np.array([[np.sin(k / 3), 0.5, 0.1]] * 2)
+        before, now = now, world.step(CameraCommand(v, np.array([[0.5, 0.4, -0.3]] * 2)))
+    r = to_matrix(now.agent_q_world)
+    np.testing.assert_allclose(now.camera_p_world, now.agent_p_world + r @ np.array(offset), atol=1e-12)
+    w_world = np.einsum("nij,nj->ni", r, now.agent_w_body)
+    np.testing.assert_allclose(
+        now.camera_v_world, now.agent_v_world + np.cross(w_world, r @ np.array(offset)), atol=1e-12
+    )
+    theta = world._flight.memory[:, 4:7]
+    np.testing.assert_allclose(
+        to_matrix(now.camera_q_world), np.einsum("nij,njk->nik", r, camera_from_body(theta)), atol=1e-12
+    )
+    # positions really move as the velocities say
+    moved = (now.camera_p_world - before.camera_p_world) * 60
+    np.testing.assert_allclose(moved, 0.5 * (now.camera_v_world + before.camera_v_world), atol=0.05)
+
+
+def test_gimbal_rate_limit_in_the_world(open_world):
+    world, _ = open_world(gimbal=GimbalSettings(rate_max_radps=1.0))
+    for _ in range(60):
+        now = world.step(CameraCommand(np.zeros((2, 3)), np.array([[2.5, 0.0, 0.0]] * 2)))
+        assert np.abs(now.camera_w_cam).max() <= 1.0 + 1e-6
+    assert np.abs(now.camera_w_cam[:, 0]).min() > 0.99
+
+
+def test_wind_pushes_and_gusts_differ_between_agents(open_world):
+    world, _ = open_world(wind=WindSettings(mean_mps=(2.0, 0, 0), gust_std_mps=0.5))
+    for _ in range(60):
+        now = world.step(CameraCommand.zeros(2))
+    drift = now.camera_p_world - world._camera_p
+    assert (drift[:, 0] > 0.005).all()
+    assert np.abs(drift[0] - drift[1]).max() > 1e-4
+
+
+@pytest.mark.parametrize("std", [0.7])
+def test_gusts_have_the_variance_and_time_asked(open_world, std):
+    world, _ = open_world(n=40, wind=WindSettings(gust_std_mps=std, gust_time_s=0.5))
+    flight = world._flight
+    gusts = np.array([flight._wind(world.description.physics.wind, 1 / 60) for _ in range(3000)])
+    assert gusts.std() == pytest.approx(std, rel=0.05)
+    lagged = (gusts[:-30] * gusts[30:]).mean() / gusts.var()
+    assert lagged == pytest.approx(np.exp(-1.0), abs=0.06)
