@@ -46,8 +46,8 @@ class SteeringModel:
         """Next state (10,), derivative Phi (10,10) and process covariance Q (10,10) of one step (21)."""
         s = np.asarray(state, dtype=float)
         out, jac, q = np.empty(10), np.empty((6, 7)), np.empty((10, 10))
-        transition(self.parameters, s, float(tau_s), False, out, jac)
-        process_covariance(self.parameters, s, float(tau_s), False, q)
+        resting = transition(self.parameters, s, float(tau_s), False, out, jac)
+        process_covariance(self.parameters, s, out, float(tau_s), resting, jac, q)
         phi = np.eye(10)
         phi[:6, 3:] = jac
         return out, phi, q

@@ -2,9 +2,13 @@ r"""Process covariance of one step, positive definite by construction (li2019, (
 
     Q = integral over s in (0, tau) of B(s) D B(s)^T ds,    B(s) = d s(tau) / d [p, cT](s),   D = diag(D_A, D_T)   (72)
 
-The integral is taken by the three-point Gauss-Legendre rule with the exact derivative of the flow from each node to the end of
-the step: a sum of squares, of full rank while the body moves. A small isotropic density on the velocity keeps it positive
-definite at rest, where power and steering act on nothing.
+B is interpolated over the step by the polynomial that has its exact value and slope at both ends: with g = [u/r, -[v]x]
+
+    B_v(sig) = a sig + b sig^2 + c sig^3,   B_x(sig) = a/2 sig^2 + b sig^3 + c sig^4,   sig = tau - s
+    a = g(end),   B(tau) = Phi[:, p cT],   B'(tau) = Phi[:, v] g(start)
+
+and the integral is taken by the four-point Gauss-Legendre rule: a sum of squares, of full rank while the body moves. A small
+isotropic density on the velocity keeps it positive definite at rest, where power and steering act on nothing.
 
 **Departure.** (78)-(79) drop powers of tau (and 1 - E where E is meant) and give indefinite matrices; the integral (72)
 itself is evaluated here.
@@ -15,14 +19,12 @@ is the limit that keeps an estimator alive: constant velocity with white acceler
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 
-from camnet.estimation.pls.flow import flow, flow_derivative
+from camnet.estimation.pls.flow import POWER_LIMITED, flow_derivative
 
-__all__ = ["PARAMETERS", "process_covariance", "transition"]
+__all__ = ["PARAMETERS", "channel_covariances", "process_covariance", "transition"]
 
 #: order of the parameter vector handed to the kernels
 PARAMETERS = (
@@ -38,8 +40,9 @@ PARAMETERS = (
     "rest_density",
 )
 
-_X3 = np.array([0.1127016653792583, 0.5, 0.8872983346207417])
-_W3 = np.array([5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0])
+# Gauss-Legendre, four points on [0, 1]
+_X4 = np.array([0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970262])
+_W4 = np.array([0.17392742256872692, 0.32607257743127307, 0.32607257743127307, 0.17392742256872692])
 
 
 @njit(cache=True, error_model="numpy")
@@ -67,52 +70,101 @@ def transition(par, s, tau, rest, out, jac):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def process_covariance(par, s, tau, rest, q):  # type: ignore[no-untyped-def]
-    """Fill ``q`` (10,10) with the covariance (72) of a step of ``tau`` from ``s``.
+def _gain(kind, s, g):  # type: ignore[no-untyped-def]
+    """Effect (3,4) of power and angular velocity on the acceleration: [u/r, -[v]x]."""
+    r2 = s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
+    inv = 1.0 / r2 if r2 > 0.0 and kind == POWER_LIMITED else 0.0
+    for i in range(3):
+        g[i, 0] = s[3 + i] * inv
+    g[0, 1], g[0, 2], g[0, 3] = 0.0, s[5], -s[4]
+    g[1, 1], g[1, 2], g[1, 3] = -s[5], 0.0, s[3]
+    g[2, 1], g[2, 2], g[2, 3] = s[4], -s[3], 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _moving(par, s, end, tau, jac, q_power, q_steer):  # type: ignore[no-untyped-def]
+    """Add the integral (72) of a moving body to the lower triangles of ``q_power`` and ``q_steer``."""
+    kind = int(par[0])
+    start_gain = np.empty((3, 4))
+    end_gain = np.empty((3, 4))
+    _gain(kind, s, start_gain)
+    _gain(kind, end, end_gain)
+    second = np.empty((6, 4))  # coefficients b and c over tau^2 (v rows) and tau^3 (x rows)
+    third = np.empty((6, 4))
+    for i in range(3):
+        for m in range(4):
+            slope_x, slope_v = 0.0, 0.0
+            for c in range(3):
+                slope_x += jac[i, c] * start_gain[c, m]
+                slope_v += jac[3 + i, c] * start_gain[c, m]
+            a = end_gain[i, m]
+            rest_v = jac[3 + i, 3 + m] - a * tau  # b tau^2 + c tau^3
+            rest_x = jac[i, 3 + m] - 0.5 * a * tau * tau  # b tau^3 + c tau^4
+            tilt_v = (slope_v - a) * tau  # 2 b tau^2 + 3 c tau^3
+            tilt_x = (slope_x - a * tau) * tau  # 3 b tau^3 + 4 c tau^4
+            third[3 + i, m] = tilt_v - 2.0 * rest_v
+            second[3 + i, m] = rest_v - third[3 + i, m]
+            third[i, m] = tilt_x - 3.0 * rest_x
+            second[i, m] = rest_x - third[i, m]
+    b = np.empty((6, 4))
+    for k in range(4):
+        x = _X4[k]
+        w = _W4[k] * tau
+        for i in range(3):
+            for m in range(4):
+                a = end_gain[i, m]
+                b[3 + i, m] = x * (a * tau + x * (second[3 + i, m] + x * third[3 + i, m]))
+                b[i, m] = x * x * (0.5 * a * tau * tau + x * (second[i, m] + x * third[i, m]))
+        for i in range(6):
+            for j in range(i + 1):
+                q_power[i, j] += w * par[3] * b[i, 0] * b[j, 0]
+                q_steer[i, j] += w * (
+                    par[4] * b[i, 1] * b[j, 1] + par[5] * b[i, 2] * b[j, 2] + par[6] * b[i, 3] * b[j, 3]
+                )
+            q_power[6, i] += w * par[3] * b[i, 0]
+            for m in range(3):
+                q_steer[7 + m, i] += w * par[4 + m] * b[i, 1 + m]
+
+
+@njit(cache=True, error_model="numpy")
+def channel_covariances(par, s, end, tau, resting, jac, q_power, q_steer, q_iso):  # type: ignore[no-untyped-def]
+    """Parts of (72) by source: random power, random steering, isotropic velocity; Q is their sum.
 
     Parameters
     ----------
     par : parameter vector, see `PARAMETERS`
-    rest : take the constant-velocity limit whatever the speed
+    s, end, tau, jac : state, next state, step in s and derivative, as `transition` gives them
+    resting : what `transition` returned
+    q_power, q_steer, q_iso : (10,10) outputs, each positive semidefinite
     """
-    out = np.empty(10)
-    mid = np.empty(10)
-    jac = np.empty((6, 7))
-    density = np.empty(4)
-    for i in range(4):
-        density[i] = par[3 + i]
-    for i in range(10):
-        for j in range(10):
-            q[i, j] = 0.0
+    q_power[:] = 0.0
+    q_steer[:] = 0.0
+    q_iso[:] = 0.0
     iso = par[7]
-    r2 = s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
-    resting = rest or r2 < par[8] * par[8]
     if not resting:
-        kind = int(par[0])
-        for k in range(3):
-            flow(kind, s, _X3[k] * tau, par[1], par[2], mid)
-            flow_derivative(kind, mid, (1.0 - _X3[k]) * tau, par[1], par[2], out, jac)
-            w = _W3[k] * tau
-            for i in range(6):
-                for j in range(i + 1):
-                    acc = 0.0
-                    for m in range(4):
-                        acc += jac[i, 3 + m] * density[m] * jac[j, 3 + m]
-                    q[i, j] += w * acc
-                for m in range(4):
-                    q[6 + m, i] += w * density[m] * jac[i, 3 + m]
-        end2 = out[3] * out[3] + out[4] * out[4] + out[5] * out[5]
-        if end2 < par[8] * par[8]:
-            iso += par[9]
-    else:
+        _moving(par, s, end, tau, jac, q_power, q_steer)
+        resting = end[3] * end[3] + end[4] * end[4] + end[5] * end[5] < par[8] * par[8]
+    if resting:
         iso += par[9]
-    for m in range(4):
-        q[6 + m, 6 + m] = tau * density[m]
-    for i in range(3):
-        q[i, i] += iso * tau**3 / 3.0
-        q[3 + i, i] += iso * tau * tau / 2.0
-        q[3 + i, 3 + i] += iso * tau
+    q_power[6, 6] = tau * par[3]
+    for m in range(3):
+        q_steer[7 + m, 7 + m] = tau * par[4 + m]
+        q_iso[m, m] = iso * tau**3 / 3.0
+        q_iso[3 + m, m] = iso * tau * tau / 2.0
+        q_iso[3 + m, 3 + m] = iso * tau
     for i in range(10):
         for j in range(i):
-            q[j, i] = q[i, j]
-    return math.isfinite(q[0, 0])
+            q_power[j, i] = q_power[i, j]
+            q_steer[j, i] = q_steer[i, j]
+            q_iso[j, i] = q_iso[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def process_covariance(par, s, end, tau, resting, jac, q):  # type: ignore[no-untyped-def]
+    """Fill ``q`` (10,10) with the whole covariance (72); arguments as in `channel_covariances`."""
+    steer = np.empty((10, 10))
+    iso = np.empty((10, 10))
+    channel_covariances(par, s, end, tau, resting, jac, q, steer, iso)
+    for i in range(10):
+        for j in range(10):
+            q[i, j] += steer[i, j] + iso[i, j]
