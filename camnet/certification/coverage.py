@@ -22,7 +22,7 @@ from camnet.certification.road_arcs import RoadArcs
 from camnet.errors import CertificateError
 from camnet.types import Array, IntArray
 
-__all__ = ["Coverage", "Views", "cover_roads", "hidden_interval"]
+__all__ = ["Coverage", "Views", "clip_polygon", "cover_roads", "hidden_interval"]
 
 #: intervals shorter than this (m) are contact, not view
 _CONTACT_M = 1e-9
@@ -229,7 +229,7 @@ def hidden_interval(
     # B (eye + lambda (start - eye) + m direction) <= c, 0 <= m <= lambda length, lambda <= 1
     polygon = [(0.0, 0.0), (1.0, 0.0), (1.0, length_m)]
     for a, b, c in zip(normals @ (start - eye), normals @ direction, limits - normals @ eye, strict=True):
-        polygon = _clip(polygon, float(a), float(b), float(c))
+        polygon = clip_polygon(polygon, float(a), float(b), float(c))
         if not polygon:
             return None
     ratios = [m / lam for lam, m in polygon if lam > 1e-12]
@@ -238,7 +238,9 @@ def hidden_interval(
     return min(ratios), max(ratios)
 
 
-def _clip(polygon: list[tuple[float, float]], a: float, b: float, c: float) -> list[tuple[float, float]]:
+def clip_polygon(
+    polygon: list[tuple[float, float]], a: float, b: float, c: float
+) -> list[tuple[float, float]]:
     """Keep the part of a convex polygon with a x + b y <= c."""
     out: list[tuple[float, float]] = []
     for (x0, y0), (x1, y1) in zip(polygon, polygon[1:] + polygon[:1], strict=True):

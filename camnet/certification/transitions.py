@@ -71,11 +71,11 @@ class GrowthModel:
         if radius_m < self.e0_m:
             return 0.0
         horizon = 1.0
-        while self._error(horizon, v_max_mps) < radius_m:
+        while self.error_at(horizon, v_max_mps) < radius_m:
             horizon *= 2.0
             if horizon > 1e7:
                 return math.inf
-        return float(brentq(lambda t: self._error(t, v_max_mps) - radius_m, 0.0, horizon, xtol=1e-10))
+        return float(brentq(lambda t: self.error_at(t, v_max_mps) - radius_m, 0.0, horizon, xtol=1e-10))
 
     def largest_model_error(self, radius_m: float, time_s: float, v_max_mps: float) -> float | None:
         """Return the largest e_v for which the error is within a radius at a time, m/s; None if there is none."""
@@ -88,7 +88,8 @@ class GrowthModel:
         gain = math.expm1(x) / self.mu_per_s if abs(x) > 1e-12 else time_s
         return min((radius_m - self.e0_m * math.exp(x)) / gain, 2.0 * v_max_mps)
 
-    def _error(self, t_s: float, v_max_mps: float) -> float:
+    def error_at(self, t_s: float, v_max_mps: float) -> float:
+        """Return the error's bound at a time, m."""
         return error_after(self.mu_per_s, self.e0_m, self.model_error_mps, v_max_mps, t_s)
 
 
@@ -153,7 +154,7 @@ def _by_growth(
     radius, arrival = _meeting(gaps, target)
     unique, inverse = np.unique(np.round(radius, 9), return_inverse=True)
     allowed = np.array([growth.allowed_time(r, target.v_max_mps) for r in unique])[inverse]
-    error = np.array([growth._error(t, target.v_max_mps) if np.isfinite(t) else math.inf for t in arrival])
+    error = np.array([growth.error_at(t, target.v_max_mps) if np.isfinite(t) else math.inf for t in arrival])
     chord = gaps.stretches.chord_m[gaps.entry_stretch]
     on = 0.0 if on_min_s is None else on_min_s
     in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on)

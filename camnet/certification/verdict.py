@@ -91,14 +91,15 @@ def theorem_31(gap_m: float, v_max_mps: float, on_min_s: float | None, extent_m:
         raise CertificateError(
             f"gap_m = {gap_m!r}: the theorem is about disjoint fields of view, a gap >= 0 is needed"
         )
-    beta = ball_beta(v_max_mps, on_min_s if on_min_s is not None else float("inf"), extent_m)
-    shortfall = gap_m + beta  # min over tau of (2 v tau + beta) - (v tau - gap), at tau = 0
+    least = ball_beta(v_max_mps, on_min_s or 0.0, extent_m)
     reason = (
         f"the predicted position is {gap_m:.3g} m outside the next field of view and moves at most "
         f"{v_max_mps:.3g} m/s, while the ball that must fit inside grows at {2.0 * v_max_mps:.3g} m/s "
-        f"from a radius of {beta:.3g} m: "
-        f"at every time it reaches at least {shortfall:.3g} m outside, whatever the network's geometry"
+        f"from a radius of {'at least ' if on_min_s is None else ''}{least:.3g} m: "
+        f"at every time it reaches at least {gap_m + least:.3g} m outside, whatever the network's geometry"
     )
+    beta = least if on_min_s is not None else math.inf
+    shortfall = gap_m + beta  # min over tau of (2 v tau + beta) - (v tau - gap), at tau = 0
     return Theorem31("unsatisfiable", reason, beta, shortfall, 0.0)
 
 
