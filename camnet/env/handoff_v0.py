@@ -80,13 +80,13 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self.max_cycles = self.settings.max_cycles
         self.render_mode = render_mode
         self.simulation = open_simulation(scenario, scenario.seed, (filter_name,))
-        self._observer = Observer(self.simulation, self.settings)
+        self.observer = Observer(self.simulation, self.settings)
         self._state = StateEncoder(self.simulation)
         self._painter: MapPainter | None = None
         self._seed = scenario.seed
         self.possible_agents = [agent.name for agent in scenario.agents]
         self.agents: list[str] = []
-        self.observation_spaces = {name: self._observer.layout.space() for name in self.possible_agents}
+        self.observation_spaces = {name: self.observer.layout.space() for name in self.possible_agents}
         self.action_spaces = {
             name: spaces.Box(-1.0, 1.0, (5,), dtype=np.float32) for name in self.possible_agents
         }
@@ -131,7 +131,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         """
         if not self.agents:
             return {}, {}, {}, {}, {}
-        self.simulation.advance(self._setpoints(actions))
+        self.simulation.advance(self.setpoints(actions))
         self._cycle += 1
         reward = self._reward(self.simulation)
         terminated = self._terminated()
@@ -148,7 +148,8 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
             infos,
         )
 
-    def _setpoints(self, actions: dict[str, Action]) -> Setpoints:
+    def setpoints(self, actions: dict[str, Action]) -> Setpoints:
+        """Return the setpoints that actions ask for: positions in the world, gaze angles."""
         missing = [name for name in self.agents if name not in actions]
         if missing:
             raise ConfigError(f"actions: none given for {missing}; every live agent needs one")
@@ -158,9 +159,9 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         flat = np.clip(flat, -1.0, 1.0)
         n = len(self.possible_agents)
         margin = self.simulation.network.scenario.controller.region_margin_m
-        reach = np.maximum(self._observer.half_sizes[:n] - margin, 0.0)
+        reach = np.maximum(self.observer.half_sizes[:n] - margin, 0.0)
         return Setpoints(
-            self._observer.centers[:n] + flat[:, :3] * reach, flat[:, 3:] * self.settings.gaze_max_rad
+            self.observer.centers[:n] + flat[:, :3] * reach, flat[:, 3:] * self.settings.gaze_max_rad
         )
 
     def _terminated(self) -> bool:
@@ -175,7 +176,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         )
 
     def _observations(self) -> dict[str, Observation]:
-        observations = self._observer.observe(self.simulation, self.simulation.entries())
+        observations = self.observer.observe(self.simulation, self.simulation.entries())
         return dict(zip(self.possible_agents, observations, strict=True))
 
     def _info(self, last: bool) -> dict[str, Any]:
