@@ -1,1 +1,6 @@
-"""Sliding-mode pose control, C1 references and the quadrotor's inner loop."""
+"""Control of the camera agents: what to do (`setpoints`), how to move there (`references`), the sliding-mode law
+(`sliding_mode`), what it assumes and promises (`monitor`), and the quadrotor below it (`quadrotor`, `gimbal`).
+
+Files named ``*_kernel`` are compiled twins; the readable versions beside them are their test oracles.
+Next: `camnet.simulation.loop`, where the parts meet.
+"""

@@ -53,7 +53,7 @@ def _crosses(a: Array, b: Array, c: Array, d: Array) -> bool:
     side_d = ux * (d[1] - a[1]) - uy * (d[0] - a[0])
     side_a = vx * (a[1] - c[1]) - vy * (a[0] - c[0])
     side_b = vx * (b[1] - c[1]) - vy * (b[0] - c[0])
-    return side_c * side_d < 0.0 and side_a * side_b < 0.0
+    return bool(side_c * side_d < 0.0 and side_a * side_b < 0.0)
 
 
 @njit(cache=True)
