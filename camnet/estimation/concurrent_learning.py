@@ -193,9 +193,9 @@ class MotionModel:
         """Offer an integral window; True if it entered the stack."""
         return self._enter(self.integral.offer(t_s, row, increment, weight), self._settings.alpha)
 
-    def learn_rate(self, t_s: float, row: Array, rate: Array) -> bool:
+    def learn_rate(self, t_s: float, row: Array, rate: Array, weight: float = 1.0) -> bool:
         """Offer a measured rate (3-13), (4-20); True if it entered the stack."""
-        return self._enter(self.instantaneous.offer(t_s, row, rate), 1.0 - self._settings.alpha)
+        return self._enter(self.instantaneous.offer(t_s, row, rate, weight), 1.0 - self._settings.alpha)
 
     def _enter(self, change: Change, share: float) -> bool:
         a = self._settings.alpha

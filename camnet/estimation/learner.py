@@ -166,4 +166,8 @@ class Learner:
         )
         for row, increment, weight in windows:
             gap.memory.model.learn_window(t_s, row, increment, weight)
+            if self._settings.alpha < 1.0:
+                # mean sigma and mean rate over the window: plain concurrent learning's entry for the same path
+                duration = increment[UNIT]
+                gap.memory.model.learn_rate(t_s, row / duration, increment / duration, weight)
         self.gaps_learned += bool(windows)

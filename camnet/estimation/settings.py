@@ -56,7 +56,7 @@ class GapSettings(Settings):
     """
 
     prior: Literal["none", "constant_velocity", "constant_turn"] = "constant_turn"
-    turn_memory_s: Positive = 10.0
+    turn_memory_s: Positive = 5.0
     handover_s: Positive = 1.0
     learn_across: bool = True
     entry_s: Positive = 0.6
