@@ -18,7 +18,7 @@ local frame has its origin on the ground, so 0 is the default, and the point loo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,15 +27,12 @@ from shapely import MultiPolygon, Polygon
 from camnet.errors import DataError
 from camnet.estimation.crossing import (
     CameraViews,
-    Crossing,
     CrossingPredictor,
     CrossingSettings,
-    CrossingTracker,
-    ExitState,
-    FixFilter,
     GapPredictor,
     LastSeen,
 )
+from camnet.experiments.recorded_replay import Fixes, Progress, Record, collect, replay
 from camnet.experiments.recorded_summary import Row, summarise
 from camnet.geometry.pinhole import Pinhole
 from camnet.importers.geodesy import Origin
@@ -45,11 +42,8 @@ from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["RecordedMap", "RecordedResult", "camera_views", "run_recorded"]
 
-Progress = Callable[[float], None]
 #: makes further predictors to be compared, by name, from the number of cameras and the bounds (2, 2) of the views
 MoreRows = Callable[[CrossingSettings, int, Array], Mapping[str, GapPredictor]]
-
-_PROGRESS_EVERY = 2000
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,32 +87,6 @@ class RecordedResult:
     gaps: dict[str, list[str] | Array | IntArray]
     map: RecordedMap
     interrupted: bool
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Fixes:
-    """All fixes in the order of time: ``camera`` is -1 where unseen, ``visit`` counts a target's visits."""
-
-    t_s: Array
-    p_world: Array
-    target: IntArray
-    visit: IntArray
-    camera: IntArray
-    names: tuple[str, ...]
-
-
-@dataclass(eq=False, slots=True)
-class _Record:
-    """Gaps so far."""
-
-    crossings: list[Crossing] = field(default_factory=list)
-    places: dict[str, list[Array]] = field(default_factory=dict)
-    cameras: dict[str, list[int]] = field(default_factory=dict)
-    radius_m: list[float] = field(default_factory=list)
-
-    def add(self, name: str, place: Array, camera: int = -1) -> None:
-        self.places.setdefault(name, []).append(place)
-        self.cameras.setdefault(name, []).append(camera)
 
 
 def camera_views(
@@ -177,10 +145,10 @@ def run_recorded(
     if not cameras or not tracks:
         raise DataError(f"{len(cameras)} cameras and {len(tracks)} tracks; at least one of each was expected")
     views = camera_views(cameras, ground_height_m + target_height_m, range_cap_m, near_m)
-    fixes = _collect(tracks, views, max_fix_interval_s)
+    fixes = collect(tracks, views, max_fix_interval_s)
     footprints = views.footprints()
     rows = _rows(settings, len(cameras), footprints, more_rows)
-    record, interrupted = _replay(fixes, rows, settings, min_gap_s, max_gap_s, progress)
+    record, interrupted = replay(fixes, rows, settings, min_gap_s, max_gap_s, progress)
     if not record.crossings:
         raise DataError(
             f"no target is seen, lost and seen again: {np.sum(fixes.camera >= 0)} of {len(fixes.t_s)} fixes are seen; "
@@ -213,123 +181,9 @@ def _rows(
     return rows
 
 
-def _collect(tracks: Sequence[Track], views: CameraViews, max_fix_interval_s: float) -> _Fixes:
-    """Order all fixes by time (then by target) and find out who sees them."""
-    identities = [_identity(track.id) for track in tracks]
-    names = tuple(dict.fromkeys(identities))
-    target = np.repeat([names.index(identity) for identity in identities], [t.t_s.size for t in tracks])
-    t_s = np.concatenate([track.t_s for track in tracks])
-    p_world = np.concatenate([track.p_world[:, :2] for track in tracks])
-    by_target = np.lexsort((t_s, target))
-    new = np.ones(len(t_s), dtype=bool)
-    new[1:] = (np.diff(t_s[by_target]) > max_fix_interval_s) | (np.diff(target[by_target]) != 0)
-    visit = np.empty(len(t_s), dtype=np.int64)
-    visit[by_target] = np.cumsum(new)
-    order = np.lexsort((target, t_s))
-    camera = views.camera_of(p_world[order])
-    return _Fixes(t_s[order], p_world[order], target[order], visit[order], camera, names)
-
-
-def _identity(name: str) -> str:
-    head, _, tail = name.rpartition("#")
-    return head if head and tail.isdigit() else name
-
-
-def _replay(
-    fixes: _Fixes,
-    rows: Mapping[str, GapPredictor],
-    settings: CrossingSettings,
-    min_gap_s: float,
-    max_gap_s: float,
-    progress: Progress | None,
-) -> tuple[_Record, bool]:
-    """Take every fix in the order of time; Ctrl-C ends it early."""
-    count = len(fixes.names)
-    trackers = [CrossingTracker(k, settings.velocity_window_s) for k in range(count)]
-    filters = [FixFilter(settings.filter) for _ in range(count)]
-    visits = np.zeros(count, dtype=np.int64)
-    record = _Record()
-    try:
-        for i in range(len(fixes.t_s)):
-            k, t_s = int(fixes.target[i]), float(fixes.t_s[i])
-            tracker = trackers[k]
-            last = tracker.last
-            if visits[k] != fixes.visit[i] or (last is not None and t_s - last.t_s > max_gap_s):
-                tracker.leave()
-                visits[k] = fixes.visit[i]
-            if fixes.camera[i] < 0:
-                tracker.miss()
-            else:
-                _sight(fixes, i, tracker, filters[k], rows, record, min_gap_s)
-            if progress is not None and i % _PROGRESS_EVERY == 0:
-                progress(i / len(fixes.t_s))
-    except KeyboardInterrupt:
-        return _complete(record), True
-    if progress is not None:
-        progress(1.0)
-    return record, False
-
-
-def _sight(
-    fixes: _Fixes,
-    i: int,
-    tracker: CrossingTracker,
-    kalman: FixFilter,
-    rows: Mapping[str, GapPredictor],
-    record: _Record,
-    min_gap_s: float,
-) -> None:
-    """One sighting: if it ends a gap, predict first, then learn."""
-    t_s, p_world = float(fixes.t_s[i]), fixes.p_world[i]
-    last = tracker.last
-    crossing = tracker.sight(t_s, p_world, int(fixes.camera[i]))
-    if crossing is not None and t_s - crossing.exit.t_s >= min_gap_s:
-        _predict(crossing, kalman, rows, record)
-    if last is None:
-        kalman.restart(t_s, p_world)
-    else:
-        kalman.update(t_s, p_world)
-        now = tracker.last
-        if crossing is None and now is not None:
-            for predictor in rows.values():
-                predictor.observe(last, now)
-    for lesson in tracker.lessons(crossing):
-        for predictor in rows.values():
-            predictor.learn(lesson)
-
-
-def _predict(
-    crossing: Crossing, kalman: FixFilter, rows: Mapping[str, GapPredictor], record: _Record
-) -> None:
-    exit_, t_s = crossing.exit, crossing.entry.t_s
-    for name, predictor in rows.items():
-        prediction = predictor.predict(exit_, t_s)
-        learned = isinstance(predictor, CrossingPredictor)
-        record.add(name, prediction.p_world, int(prediction.next_camera.argmax()) if learned else -1)
-        if name == "learned":
-            record.radius_m.append(prediction.radius_m)
-            if isinstance(predictor, CrossingPredictor):
-                record.add("learned_at_exit", prediction.p_world, _at_exit(predictor, exit_))
-    record.add("ekf", kalman.predict(t_s))
-    record.crossings.append(crossing)
-
-
-def _at_exit(predictor: CrossingPredictor, exit: ExitState) -> int:
-    return int(predictor.next_camera(exit).argmax())
-
-
-def _complete(record: _Record) -> _Record:
-    """Drop the half-written last gap of an interrupted run."""
-    n = len(record.crossings)
-    for name in record.places:
-        del record.places[name][n:], record.cameras[name][n:]
-    del record.radius_m[n:]
-    return record
-
-
 def _tabulate(
-    record: _Record,
-    fixes: _Fixes,
+    record: Record,
+    fixes: Fixes,
     views: CameraViews,
     footprints: Sequence[Polygon | MultiPolygon],
     names: Sequence[str],
@@ -377,7 +231,7 @@ def _coverage(table: Mapping[str, list[str] | Array | IntArray]) -> float | None
     return float(np.mean(error[stated] <= radius[stated])) if stated.any() else None
 
 
-def _recording(fixes: _Fixes, record: _Record, cameras: int) -> dict[str, Any]:
+def _recording(fixes: Fixes, record: Record, cameras: int) -> dict[str, Any]:
     duration = np.array([c.entry.t_s - c.exit.t_s for c in record.crossings])
     other = [c.exit.camera != c.entry.camera for c in record.crossings]
     return {
@@ -394,8 +248,8 @@ def _recording(fixes: _Fixes, record: _Record, cameras: int) -> dict[str, Any]:
 def _map(
     cameras: Sequence[KrtdCamera],
     footprints: Sequence[Polygon | MultiPolygon],
-    fixes: _Fixes,
-    record: _Record,
+    fixes: Fixes,
+    record: Record,
     origin: Origin | None,
 ) -> RecordedMap:
     return RecordedMap(
