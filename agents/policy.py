@@ -55,7 +55,7 @@ class AgentContext:
         """Return the action in [-1, 1]^5 that asks for a setpoint."""
         reach = np.maximum(self.half_size - self.controller.region_margin_m, 1e-6)
         flat = np.concatenate([(setpoint.p_world - self.center) / reach, setpoint.gaze / self.gaze_max_rad])
-        return np.clip(flat, -1.0, 1.0).astype(np.float32)
+        return np.asarray(np.clip(flat, -1.0, 1.0), dtype=np.float32)
 
 
 class Policy(Protocol):

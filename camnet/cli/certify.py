@@ -1,4 +1,4 @@
-"""``camnet certify``: how long may a target stay unseen, and must it stay seen, in this network?"""
+"""``camnet certify``: how long a target may stay unseen, and must stay seen, in a network."""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from camnet import __version__
-from camnet.cli import certify, report, simulate, worlds
-from camnet.errors import CamnetError, SimulationError
+from camnet import __version__  # noqa: E402 - the thread counts above come first
+from camnet.cli import certify, report, simulate, worlds  # noqa: E402
+from camnet.errors import CamnetError, SimulationError  # noqa: E402
 
 __all__ = ["build_parser", "main"]
 

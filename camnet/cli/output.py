@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from camnet.errors import ConfigError
 
@@ -65,14 +64,14 @@ def _drop_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def write_json(path: Path, content: Any) -> None:
+def write_json(path: Path, content: object) -> None:
     """Write indented JSON (a temporary name first, then renamed)."""
     temporary = path.with_suffix(".partial")
     temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     temporary.replace(path)
 
 
-def print_json(content: Any) -> None:
+def print_json(content: object) -> None:
     """Print one JSON object on standard output."""
     json.dump(content, sys.stdout, allow_nan=False)
     sys.stdout.write("\n")

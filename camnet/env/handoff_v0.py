@@ -69,7 +69,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         settings: EnvSettings | None = None,
         **options: Any,  # noqa: ANN401 - fields of EnvSettings
     ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
+        if render_mode not in (None, "rgb_array", "human"):
             raise ConfigError(f"render_mode = {render_mode!r}: give None, 'rgb_array' or 'human'")
         scenario = world if isinstance(world, Scenario) else load_scenario(world, overrides)
         if not isinstance(scenario, Scenario) or not scenario.agents:

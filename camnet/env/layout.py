@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -118,7 +119,9 @@ class ObservationLayout:
 
     def dict_space(self) -> spaces.Dict:
         """Space of the same observation as a dictionary of named parts."""
-        boxes = {f.name: spaces.Box(f.low, f.high, (f.size,), dtype=np.float32) for f in self.fields}
+        boxes: dict[str, spaces.Space[Any]] = {
+            f.name: spaces.Box(f.low, f.high, (f.size,), dtype=np.float32) for f in self.fields
+        }
         return spaces.Dict(boxes)
 
     def encode(self, values: Mapping[str, float | Array]) -> Observation:

@@ -48,4 +48,4 @@ class StateEncoder:
             simulation.visible.T.astype(float),
         ]
         flat = np.concatenate([part.ravel() for part in parts])
-        return np.clip(flat, -_LIMIT, _LIMIT).astype(np.float32)
+        return np.asarray(np.clip(flat, -_LIMIT, _LIMIT), dtype=np.float32)

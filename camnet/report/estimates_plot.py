@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from camnet.geometry.rotations import angle_between, yaw_of
 from camnet.report.run_data import RunData, spans
 from camnet.report.style import FILTER_COLOURS, FILTER_LABELS, UNSEEN, figure_style, save
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
 __all__ = ["write_estimates"]
 
@@ -23,7 +23,7 @@ def write_estimates(run: RunData, path: Path) -> None:
     with figure_style():
         figure = Figure(figsize=(12, 10))
         axes = figure.subplots(5, 1, sharex=True, gridspec_kw={"hspace": 0.12})
-        seen = run.columns[f"{target}.seen_by"] >= 0
+        seen: BoolArray = np.asarray(run.columns[f"{target}.seen_by"] >= 0)
         for a in axes:
             for start, end in spans(run.t_s, ~seen):
                 a.axvspan(start, end, color=UNSEEN, zorder=0, linewidth=0)

@@ -137,7 +137,7 @@ class MapPainter:
 
     def _ring(self, point: Array, radius_m: float, colour: str) -> None:
         if math.isfinite(radius_m):
-            edge = self._pixels(np.stack([point, point + [radius_m, 0.0]]))
+            edge = self._pixels(np.stack([point, point + np.array([radius_m, 0.0])]))
             self._disc(point, colour, float(edge[1, 0] - edge[0, 0]) / 16, width=1)
 
 

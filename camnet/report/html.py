@@ -122,7 +122,7 @@ def _nested_table(content: dict[str, Any]) -> str:
     return table(("quantity", "value"), list(_flatten(content)))
 
 
-def _flatten(content: Any, prefix: str = "") -> Iterable[tuple[str, object]]:
+def _flatten(content: object, prefix: str = "") -> Iterable[tuple[str, object]]:
     if isinstance(content, dict):
         for key, value in content.items():
             yield from _flatten(value, f"{prefix}{key} · " if isinstance(value, dict) else f"{prefix}{key}")

@@ -15,7 +15,7 @@ from camnet.geometry.frustum import Frustum
 from camnet.report.run_data import RunData
 from camnet.report.style import CAMERA_COLOURS, FILTER_COLOURS, figure_style, save
 from camnet.simulation.network import Network
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
 __all__ = ["draw_network", "view_footprint", "write_map"]
 
@@ -46,7 +46,7 @@ def draw_network(axes: Axes, network: Network) -> None:
             axes.add_patch(Polygon(outline, facecolor=colour, alpha=0.15, edgecolor=colour, zorder=1))
         axes.plot(*spec.p_world[:2], marker="s", color=colour, markersize=5)
         axes.annotate(
-            spec.name, spec.p_world[:2], textcoords="offset points", xytext=(5, 5), color=colour, fontsize=8
+            spec.name, (spec.p_world[0], spec.p_world[1]), textcoords="offset points", xytext=(5, 5), color=colour, fontsize=8
         )
     for occluder in network.occluders:
         axes.add_patch(Polygon(occluder.footprint(), facecolor="#555555", edgecolor="black", zorder=3))
@@ -77,11 +77,11 @@ def write_map(run: RunData, path: Path) -> None:
 
 def _draw_paths(axes: Axes, run: RunData, target: str) -> None:
     truth, estimate = run.vector(target)[:, :2], run.vector(f"{target}.{run.filters[0]}")[:, :2]
-    seen = run.columns[f"{target}.seen_by"] >= 0
+    seen: BoolArray = np.asarray(run.columns[f"{target}.seen_by"] >= 0)
     axes.plot(*truth.T, color="black", linewidth=0.8, zorder=4)
-    known = np.isfinite(estimate).all(axis=1)
+    known: BoolArray = np.asarray(np.isfinite(estimate).all(axis=1))
     segments = np.stack([estimate[:-1], estimate[1:]], axis=1)
-    unseen = ~seen[1:] & known[1:] & known[:-1]
+    unseen: BoolArray = np.asarray(~seen[1:] & known[1:] & known[:-1])
     axes.add_collection(
         LineCollection(
             list(segments[unseen]), colors=FILTER_COLOURS["learned"], linewidths=1.3, alpha=0.8, zorder=5

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from camnet.config.models import Scenario
 from camnet.errors import DataError
 from camnet.simulation.network import Network, build_network
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
 __all__ = ["RunData", "load_run", "spans"]
 
@@ -44,11 +44,11 @@ class RunData:
         return self.columns["t_s"]
 
     def vector(self, who: str, what: str = "p", unit: str = "m") -> Array:
-        """Logged vector of ``who``, (rows, 3)."""
+        """Return the logged vector of ``who``, (rows, 3)."""
         return np.stack([self.columns[f"{who}.{what}_{axis}_{unit}"] for axis in "xyz"], axis=1)
 
     def quaternion(self, who: str, what: str = "q") -> Array:
-        """Logged quaternion of ``who``, (rows, 4), scalar first."""
+        """Return the logged quaternion of ``who``, (rows, 4), scalar first."""
         return np.stack([self.columns[f"{who}.{what}_{axis}"] for axis in "wxyz"], axis=1)
 
     @property
@@ -91,8 +91,8 @@ def load_run(folder: Path) -> RunData:
     return RunData(folder, build_network(scenario), content["summary"], handoffs, columns)
 
 
-def spans(t_s: Array, mask: Array) -> list[tuple[float, float]]:
+def spans(t_s: Array, mask: BoolArray) -> list[tuple[float, float]]:
     """Intervals (start, end) of ``t_s`` in which ``mask`` holds."""
-    edges = np.diff(np.r_[0, mask.astype(int), 0])
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
+    starts, ends = np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist()
     return [(float(t_s[a]), float(t_s[min(b + 1, len(t_s) - 1)])) for a, b in zip(starts, ends, strict=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -28,7 +28,7 @@ UNSEEN = "#e8e4da"
 @contextmanager
 def figure_style() -> Iterator[None]:
     """Figure defaults within the block; the caller's own are kept."""
-    settings: dict[str, Any] = {
+    settings = {
         "figure.facecolor": "white",
         "axes.spines.top": False,
         "axes.spines.right": False,
@@ -39,7 +39,7 @@ def figure_style() -> Iterator[None]:
         "legend.frameon": False,
         "savefig.dpi": 130,
     }
-    with mpl.rc_context(settings):
+    with mpl.rc_context(rc=cast(Any, settings)):
         yield
 
 

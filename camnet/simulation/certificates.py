@@ -78,7 +78,7 @@ def network_gaps(network: Network) -> list[NetworkGap]:
 
 
 def network_report(network: Network) -> dict[str, object]:
-    """The dwell-time report of ``camnet certify``."""
+    """Return the dwell-time report of ``camnet certify``."""
     return dwell_report(
         network_certificates(network),
         v_max_mps=max(t.v_max_mps for t in network.scenario.targets),

@@ -67,10 +67,10 @@ def _task(
     seen: BoolArray,
     limit: float,
 ) -> Task:
-    present = [m for m in np.flatnonzero(inside) if seen[m] or estimates[m].radius_m <= limit]
+    present = [m for m in np.flatnonzero(inside).tolist() if seen[m] or estimates[m].radius_m <= limit]
     if present:  # a target in view before one only believed to be there, then the one best known
         m = min(present, key=lambda i: (not seen[i], estimates[i].radius_m))
-        return Task(Role.TRACK, int(m))
+        return Task(Role.TRACK, m)
     coming = [(entry, m) for m, row in enumerate(entries) if (entry := row[j]) and entry.radius_m <= limit]
     if coming:
         entry, m = min(coming, key=lambda item: (not item[0].direct, item[0].t_s))

@@ -101,4 +101,4 @@ class HandoffTracker:
     def delays_s(self) -> np.ndarray:
         """Delays of all handoffs in which the target was seen at last, (n,), s."""
         delays = np.array([h.delay_s for h in self.handoffs], dtype=float)
-        return delays[np.isfinite(delays)]
+        return np.asarray(delays[np.isfinite(delays)])

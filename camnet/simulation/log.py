@@ -47,7 +47,7 @@ class RunLog:
         return self._rows[: self._count]
 
     def table(self) -> pa.Table:
-        """The log as an Arrow table."""
+        """Return the log as an Arrow table."""
         return pa.table({name: self.values[:, i] for i, name in enumerate(self.columns)})
 
     def write(self, path: Path) -> None:

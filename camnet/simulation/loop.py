@@ -150,7 +150,7 @@ class NetworkSimulation:
 
     def reference_p_world(self, j: int) -> Array:
         """Return the present position reference (3,) of agent ``j``, m."""
-        return self._reference_state.p_world[j]
+        return np.asarray(self._reference_state.p_world[j])
 
     def _sense(self) -> None:
         snapshot = self.snapshot
@@ -190,10 +190,10 @@ class NetworkSimulation:
         """Which agents (N,) are outside their operating regions."""
         p_world = self.snapshot.agent_p_world
         low, high = self._region_boxes
-        outside = ((p_world < low) | (p_world > high)).any(axis=1)
+        outside: BoolArray = np.asarray(((p_world < low) | (p_world > high)).any(axis=1))
         for j in self._not_boxes:
             outside[j] = not self.network.regions[j].contains(p_world[j])
-        return np.asarray(outside)
+        return outside
 
     def excited(self, m: int, region: int) -> bool:
         """Whether finite excitation holds for the driving model of target ``m`` in ``region``."""

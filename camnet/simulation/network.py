@@ -93,7 +93,7 @@ def build_network(scenario: Scenario) -> Network:
         roads=scenario.roads,
     )
     bounds = _bounds(regions, scenario)
-    cameras = tuple(spec.camera for spec in (*description.agents, *fixed))
+    cameras = (*(agent.camera for agent in description.agents), *(spec.camera for spec in fixed))
     basis = place_basis(scenario.estimator.basis, scenario.roads, *bounds)
     occluders = tuple(build_region(o.name, o.shape) for o in scenario.occluders)
     return Network(scenario, regions, cameras, description, occluders, basis, bounds)

@@ -38,7 +38,7 @@ def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -
 
 
 def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:
-    """The certificates' report, with what each of them saw in this run and the violations of both."""
+    """Return the certificates' report, with what each of them saw in this run and the violations of both."""
     report: dict[str, Any] = network_report(simulation.network)
     summaries = [monitor.summary() for monitor in simulation.statistics.dwell]
     for name in ("published", "sound"):
