@@ -147,15 +147,21 @@ def _gentle_stop(p: Array, v: Array, a: Array, a_max: float, j_max: float) -> Ar
 
 
 @njit(cache=True)
+def _within_speed(v: Array, a: Array, v_max: float, dt: float) -> Array:
+    """Cut an acceleration that would carry the speed beyond its bound, as one of bounded jerk can."""
+    ahead = _plus(v, dt, a)
+    if _length(ahead) <= v_max:
+        return a
+    return _times(1.0 / dt, _plus(_at_most(ahead, v_max), -1.0, v))
+
+
+@njit(cache=True)
 def _wanted_acceleration(p: Array, v: Array, a: Array, goal: Array, limits: Array, dt: float) -> Array:
     """Towards the wanted velocity, within the bounds of acceleration, jerk and speed."""
     v_max, a_max, k_p, k_v, j_max = limits[0], limits[1], limits[2], limits[3], limits[4]
     lacking = _plus(_wanted_velocity(p, goal, v_max, a_max, k_p), -1.0, v)
     wanted = _approach(a, _at_most(_times(min(k_v, 1.0 / dt), lacking), a_max), j_max * dt)
-    ahead = _plus(v, dt, wanted)
-    if _length(ahead) > v_max:  # the bounded jerk must not carry the speed beyond its bound
-        wanted = _times(1.0 / dt, _plus(_at_most(ahead, v_max), -1.0, v))
-    return wanted
+    return _within_speed(v, wanted, v_max, dt)
 
 
 @njit(cache=True)
@@ -181,6 +187,7 @@ def position_step(
     speed = _length(v)
     brake = _times(-a_max / speed if speed > 1e-12 else 0.0, v)
     gently = _approach(a, _times(-min(a_max / max(speed, 1e-12), 1.0 / dt), v), j_max * dt)
+    gently = _within_speed(v, gently, limits[0], dt)
     inside = clearance(p, planes, disc, polygon) >= margin - 2 * _TOLERANCE
     for k in range(5):
         # as wanted, if a bounded jerk can still brake afterwards; gentle braking; then ever harder
@@ -188,10 +195,11 @@ def position_step(
         a_next = _plus(_times(share, wanted if k == 0 else gently), 1.0 - share, brake)
         v_next = _plus(v, dt, a_next)
         p_next = _plus(_plus(p, 0.5 * dt, v), 0.5 * dt, v_next)
-        stop = _stop(p_next, v_next, a_max)
-        if k == 0:
-            stop = _gentle_stop(p_next, v_next, a_next, a_max, j_max)
-        if not inside or segment_inside(p_next, stop, margin, planes, disc, polygon):
+        kept = segment_inside(p_next, _stop(p_next, v_next, a_max), margin, planes, disc, polygon)
+        if kept and k == 0:
+            gentle = _gentle_stop(p_next, v_next, a_next, a_max, j_max)
+            kept = segment_inside(p_next, gentle, margin, planes, disc, polygon)
+        if kept or not inside:
             _set(p, p_next)
             _set(v, v_next)
             _set(a, a_next)
