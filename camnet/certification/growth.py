@@ -226,12 +226,13 @@ def error_tube(
     steps = max(1, math.ceil(horizon_s / step_s - 1e-9))
     h = horizon_s / steps
     e_v = model_error_mps + field.cutoff_error_mps
-    path, radius, mus = [np.array(start, dtype=float)], [float(e0_m)], []
+    path, radius = [np.array(start, dtype=float)], [float(e0_m)]
+    mus: list[float] = []
     for _ in range(steps):
         p, e = path[-1], radius[-1]
         reach = field._path_reach(p, h)
-        # the disc about p that holds every segment between path and target during the step
-        mu = log_norm_sup(field, p, e + 2.0 * v_max_mps * h + reach, tolerance, max_cells).upper
+        previous = mus[-1] if mus else 0.0
+        mu = _step_norm(field, p, e, e_v, v_max_mps, h, reach, previous, tolerance, max_cells)
         after, slip = _step(field, p, h)
         path.append(after)
         radius.append(error_after(mu, e, e_v, v_max_mps, h) + slip)
@@ -240,6 +241,32 @@ def error_tube(
             break
     n = len(path)
     return Tube(h * np.arange(n, dtype=float), np.array(path), np.array(radius), np.array(mus))
+
+
+def _step_norm(
+    field: PlanarField,
+    p: Array,
+    e: float,
+    e_v: float,
+    v_max_mps: float,
+    h: float,
+    reach: float,
+    previous: float,
+    tolerance: float,
+    max_cells: int,
+) -> float:
+    """Bound the logarithmic norm on a disc that holds every segment from path to target during a step.
+
+    A disc that allows the error a little growth is tried first: if the bound that follows stays within it, the error
+    cannot have left it (it would have to pass through). Otherwise the disc of the speed bound is taken.
+    """
+    guess = 1.02 * max(e, error_after(previous + 10.0 * tolerance, e, e_v, v_max_mps, h)) + 1e-6
+    allowed = e + 2.0 * v_max_mps * h
+    if guess < allowed:
+        mu = log_norm_sup(field, p, guess + reach, tolerance, max_cells).upper
+        if error_after(mu, e, e_v, v_max_mps, h) <= guess:
+            return mu
+    return log_norm_sup(field, p, allowed + reach, tolerance, max_cells).upper
 
 
 def _step(field: PlanarField, p: Array, h: float) -> tuple[Array, float]:

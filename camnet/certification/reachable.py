@@ -30,7 +30,10 @@ __all__ = ["FreeReach", "HeadingReach", "PlanarView", "Reach", "TubeReach", "pla
 class Reach(Protocol):
     """A target class after the target was lost at one place."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Name of the class, for reports."""
+        ...
 
     def disc(self, tau_s: float) -> tuple[Array, float]:
         """Centre (2,) and radius of a disc that holds the target at ``tau_s``, m."""

@@ -1,0 +1,227 @@
+r"""The ``learned`` certificate of fixed cameras for a target that follows a learned vector field.
+
+| symbol | name | unit | meaning |
+| --- | --- | --- | --- |
+| p_hat(t) | the learned flow from ``start`` | m | followed until it has come round, or for ``duration_s`` |
+| exit | where the flow leaves a view, the target's extent counted | | t_off of harris2020 section 3.2 |
+| s | ``spread_m`` | m | targets may leave up to this far beside the predicted exit |
+
+The exits beside the predicted one are covered by samples at most ``cover_m`` apart; a tube that starts at a sample with
+e(0) + cover/2 holds every target that leaves near it, because its true position is within e(0) of its estimate and
+its estimate within cover/2 of a sample. A transition is certified when each of its tubes is inside one view in time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from camnet.certification.crossing import Crossing, certify_crossing
+from camnet.certification.free_network import GroundView
+from camnet.certification.growth import PlanarField, error_tube, largest_model_error
+from camnet.certification.reachable import TubeReach
+from camnet.errors import CertificateError
+from camnet.types import Array
+
+__all__ = ["FlowExit", "FlowTargetClass", "certify_flow", "flow_exits"]
+
+
+@dataclass(frozen=True, slots=True)
+class FlowTargetClass:
+    """Targets that follow the learned field up to a model error.
+
+    Attributes
+    ----------
+    v_max_mps : bound of the speed, of target and prediction
+    model_error_mps : e_v, valid in the corridor
+    e0_m : position error when the target is lost
+    spread_m : targets leave up to this far to either side of the predicted exit
+    source : where e_v comes from: ``deterministic``, ``statistical`` or ``stated``
+    """
+
+    v_max_mps: float
+    model_error_mps: float
+    e0_m: float
+    spread_m: float = 0.0
+    source: str = "stated"
+
+
+@dataclass(frozen=True, eq=False)
+class FlowExit:
+    """Where the learned flow leaves a view: its number, the place (2,) and the direction (2,) of the flow there."""
+
+    view: int
+    point: Array
+    direction: Array
+
+
+def flow_exits(
+    field: PlanarField, ground: Sequence[GroundView], start: Array, duration_s: float, step_s: float = 0.05
+) -> list[FlowExit]:
+    """Follow the learned flow and list its exits, each once even if the flow comes round again.
+
+    Raises
+    ------
+    CertificateError
+        if the flow stops: a field without data beyond the views predicts that the target stands still.
+    """
+    p, inside = np.asarray(start, dtype=float), -1
+    exits: list[FlowExit] = []
+    for _ in range(math.ceil(duration_s / step_s)):
+        velocity = field.velocity(p)
+        speed = float(np.linalg.norm(velocity))
+        if speed < 1e-3:
+            raise CertificateError(
+                f"the learned flow stops at ({p[0]:.3g}, {p[1]:.3g}) m, {speed:.2g} m/s: nothing was learned there; "
+                "learn across the gaps first"
+            )
+        here = [k for k, g in enumerate(ground) if g.view.depth(p) >= 0.0]
+        if inside >= 0 and inside not in here:
+            if not here:
+                known = any(e.view == inside and np.linalg.norm(e.point - p) < 0.5 for e in exits)
+                if known:
+                    break
+                exits.append(FlowExit(inside, p, velocity / speed))
+            inside = -1
+        if inside < 0 and here:
+            inside = here[0]
+        middle = field.velocity(p + 0.5 * step_s * velocity)
+        p = p + step_s * middle
+    return exits
+
+
+def certify_flow(
+    field: PlanarField,
+    ground: Sequence[GroundView],
+    target: FlowTargetClass,
+    start: Array,
+    duration_s: float,
+    off_max_s: float,
+    on_min_s: float = 0.0,
+    step_s: float = 0.2,
+    cover_m: float = 0.1,
+    find_largest: bool = True,
+) -> dict[str, object]:
+    """Certify every exit of the learned flow and return the report as plain data for JSON.
+
+    Parameters
+    ----------
+    field : learned velocity field
+    ground : views on the ground, shrunk by the target's extent
+    target : class of the targets
+    start : (2,) a point on the flow, m
+    duration_s : how long to follow it
+    off_max_s, on_min_s : longest time that a target may stay unseen; time that it must stay in view
+    step_s : of the tubes
+    cover_m : distance between samples across an exit
+    find_largest : also find the largest model error that each transition tolerates
+    """
+    exits = flow_exits(field, ground, start, duration_s)
+    settings = (off_max_s, on_min_s, step_s, cover_m)
+    transitions = []
+    for leave in exits:
+        crossing = _worst(field, ground, target, target.model_error_mps, leave, *settings)
+        transitions.append(_entry(field, ground, target, leave, crossing, settings, find_largest))
+    good = [t["learned"]["verdict"] == "certified" for t in transitions]  # type: ignore[index]
+    whole = "certified" if good and all(good) else "not certified"
+    reason = f"{sum(good)} of {len(good)} exits of the learned flow are certified"
+    return {
+        "network": {"cameras": len(ground), "regions": 0},
+        "target_class": f"vector field, at most {target.v_max_mps:g} m/s, model error {target.model_error_mps:g} m/s",
+        "certificates": {"learned": {"verdict": whole, "reason": reason}},
+        "transitions": transitions,
+        "uncertified": [
+            {"from": t["from"], "to": t["to"]} for t, ok in zip(transitions, good, strict=True) if not ok
+        ],
+        "constants": {"model_error_source": target.source},
+    }
+
+
+def _worst(
+    field: PlanarField,
+    ground: Sequence[GroundView],
+    target: FlowTargetClass,
+    model_error_mps: float,
+    leave: FlowExit,
+    off_max_s: float,
+    on_min_s: float,
+    step_s: float,
+    cover_m: float,
+) -> Crossing:
+    """Return the worst verdict over the samples across an exit."""
+    others = [g.view for g in ground]
+    largest = max(g.radius_m for g in ground)
+    n = max(1, math.ceil(2.0 * target.spread_m / cover_m - 1e-9))
+    half = target.spread_m / n
+    across = np.array([-leave.direction[1], leave.direction[0]])
+    results = []
+    for offset in np.linspace(-target.spread_m + half, target.spread_m - half, n):
+        horizon = off_max_s + on_min_s + step_s
+        tube = error_tube(
+            field,
+            leave.point + offset * across,
+            target.e0_m + half,
+            model_error_mps,
+            target.v_max_mps,
+            horizon,
+            step_s,
+            tolerance=1e-2,
+            max_cells=600,
+            stop_radius_m=largest,
+        )
+        results.append(
+            certify_crossing(TubeReach(tube), others, tube.t_s, off_max_s, on_min_s, target.v_max_mps)
+        )
+        if results[-1].verdict != "certified":
+            return results[-1]
+    return min(results, key=lambda r: r.margin_m)
+
+
+def _entry(
+    field: PlanarField,
+    ground: Sequence[GroundView],
+    target: FlowTargetClass,
+    leave: FlowExit,
+    crossing: Crossing,
+    settings: tuple[float, float, float, float],
+    find_largest: bool,
+) -> dict[str, object]:
+    """Return one transition's entry of the report."""
+    view = ground[crossing.view]
+    gap = float(view.outline.distance(shapely.Point(leave.point)))
+    tube = error_tube(
+        field,
+        leave.point,
+        target.e0_m,
+        target.model_error_mps,
+        target.v_max_mps,
+        settings[0],
+        settings[2],
+        tolerance=1e-2,
+        max_cells=600,
+        stop_radius_m=view.radius_m,
+    )
+    learned: dict[str, object] = {
+        "verdict": crossing.verdict,
+        "margin_m": _finite(crossing.margin_m),
+        "margin_s": _finite(crossing.margin_s),
+        "binding": crossing.binding,
+        "seen_again_s": _finite(crossing.time_s),
+        "trust_horizon_s": tube.trust_horizon_s(view.radius_m),
+        "model_error_source": target.source,
+    }
+    if find_largest:
+        learned["largest_model_error_mps"] = largest_model_error(
+            lambda e_v: _worst(field, ground, target, e_v, leave, *settings).verdict == "certified",
+            target.v_max_mps,
+            2e-3,
+        )
+    return {"from": ground[leave.view].name, "to": view.name, "gap_m": gap, "learned": learned}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
