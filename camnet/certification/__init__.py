@@ -1,7 +1,17 @@
 """Constants, dwell times and verdicts: how long a target may stay unseen, and which networks keep it.
 
-Start with ``constants`` (the bounds that the proofs share), then ``dwell`` (how long), ``verdict`` (Theorem 3.1
-of harris2020 and why disjoint views cannot meet it), ``monitor`` (what happened in a run) and ``network``
-(one report for one network). Two certificates stand side by side everywhere: ``published``, the equations of
-harris2020 to the letter, and ``sound``, the same argument with its defects repaired.
+Three certificates stand side by side: ``published`` (harris2020 to the letter), ``sound`` (the same argument with its
+defects repaired) and ``learned`` (error growth of the learned model). Derivations: docs/theory.md.
+
+| to read | for |
+| --- | --- |
+| ``constants``, ``dwell``, ``average_dwell``, ``bell_dwell`` | the papers' formulas |
+| ``verdict`` | Theorem 3.1 and why disjoint views cannot meet it |
+| ``network``, ``monitor`` | the dwell-time report of a network, and what happened in a run |
+| ``growth``, ``growth_kernel`` | the sharp growth law |
+| ``reachable``, ``crossing``, ``flow_network`` | target classes, one exit, all exits of a learned flow |
+| ``road_arcs``, ``coverage``, ``road_gaps``, ``transitions`` | road-bound targets, at the scale of a city |
+| ``free_network``, ``site`` | open sites; whole sites in one call |
+| ``design`` | the fewest cameras, the smallest repairs |
+| ``benchmark`` | how the cost grows |
 """

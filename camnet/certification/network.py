@@ -142,7 +142,7 @@ def estimator_bounds(
     ----------
     k, kcl, gamma, alpha, window_s, stack_size : gains of the update laws (Gamma = gamma I), window and stack
     excitation : smallest eigenvalue of the stack at which excitation is said to hold
-    weight_bound : projection radius
+    weight_bound : outer radius of the projection: its bound plus its boundary layer
     kernel_spacing_m, kernel_width_m : of the basis
     v_max_mps, w_max_radps : bounds of the target's speed
     switching, switching_gain, boundary_layer : form of the switching term
