@@ -138,5 +138,11 @@ def draw(name: str, rng: np.random.Generator, steps: int | None = None) -> Group
     covariance[:, range(3), range(3)] = np.asarray(_NOISE[base]) * factor
     cut = slice(0, steps)
     return Group(
-        name, truth[cut], truth[cut, None, :] + noise[cut], seen[cut], covariance, true_covariance, drifting[cut]
+        name,
+        truth[cut],
+        truth[cut, None, :] + noise[cut],
+        seen[cut],
+        covariance,
+        true_covariance,
+        drifting[cut],
     )

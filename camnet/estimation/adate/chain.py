@@ -15,7 +15,8 @@ Objective over the states s_0 .. s_n of the window, quadratic about the current 
 | lam_i | multiplier of the i-th transition: Q_i^-1 (s_{i+1} - f_i - Phi_i d_i) = -lam_{i+1} | (n,10) | |
 
 **Departure.** (31)-(34) form M = H'R^-1H + Phi'Q^-1Phi + Q^-1 and factor it. Q has a condition number of 1e4 to 1e8
-(it goes with tau^5 in position and tau in power), and adapting Q makes that worse: forming Q^-1 loses the digits that the
+(it goes with tau^5 in position and tau in power), and adapting Q makes that worse: forming Q^-1 loses the
+digits that the
 covariances need. The same minimum is found here from the equivalent saddle-point system, whose block elimination
 is a forward pass of covariances in Joseph form and a backward pass of multipliers: no inverse of Q is formed and every
 covariance stays positive definite. `solve_normal_equations` is the block-tridiagonal Cholesky solution of (31) itself;
@@ -29,31 +30,16 @@ import numpy as np
 from numba import njit
 from scipy.linalg import cho_factor, cho_solve
 
-from camnet.types import Array
+from camnet.estimation.kalman.linalg import invert3
+from camnet.types import Array, BoolArray
 
-__all__ = ["backward", "forward", "full_phi", "invert3", "solve_normal_equations"]
-
-
-@njit(cache=True, error_model="numpy")
-def invert3(a, out):  # type: ignore[no-untyped-def]
-    """Inverse of a symmetric positive definite (3,3) by cofactors."""
-    c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2]
-    c01 = a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2]
-    c02 = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]
-    inv = 1.0 / (a[0, 0] * c00 + a[0, 1] * c01 + a[0, 2] * c02)
-    out[0, 0] = c00 * inv
-    out[0, 1] = c01 * inv
-    out[0, 2] = c02 * inv
-    out[1, 0] = out[0, 1]
-    out[1, 1] = (a[0, 0] * a[2, 2] - a[0, 2] * a[0, 2]) * inv
-    out[1, 2] = (a[0, 1] * a[0, 2] - a[0, 0] * a[1, 2]) * inv
-    out[2, 0] = out[0, 2]
-    out[2, 1] = out[1, 2]
-    out[2, 2] = (a[0, 0] * a[1, 1] - a[0, 1] * a[0, 1]) * inv
+__all__ = ["backward", "forward", "full_phi", "solve_normal_equations"]
 
 
 @njit(cache=True, error_model="numpy")
-def _observe(pred_d, pred_p, y, r, d, p, gain, s_inv):  # type: ignore[no-untyped-def]
+def _observe(
+    pred_d: Array, pred_p: Array, y: Array, r: Array, d: Array, p: Array, gain: Array, s_inv: Array
+) -> None:
     """Joseph update of (pred_d, pred_p) with the innovation ``y`` (3,) of covariance pred_p[:3,:3] + r."""
     total = np.empty((3, 3))
     for i in range(3):
@@ -62,9 +48,7 @@ def _observe(pred_d, pred_p, y, r, d, p, gain, s_inv):  # type: ignore[no-untype
     invert3(total, s_inv)
     for i in range(10):
         for j in range(3):
-            gain[i, j] = (
-                pred_p[i, 0] * s_inv[0, j] + pred_p[i, 1] * s_inv[1, j] + pred_p[i, 2] * s_inv[2, j]
-            )
+            gain[i, j] = pred_p[i, 0] * s_inv[0, j] + pred_p[i, 1] * s_inv[1, j] + pred_p[i, 2] * s_inv[2, j]
         d[i] = pred_d[i] + gain[i, 0] * y[0] + gain[i, 1] * y[1] + gain[i, 2] * y[2]
     ap = np.empty((10, 10))  # (I - K H) P
     for i in range(10):
@@ -83,7 +67,7 @@ def _observe(pred_d, pred_p, y, r, d, p, gain, s_inv):  # type: ignore[no-untype
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(d, p, jac, q, offset, pred_d, pred_p):  # type: ignore[no-untyped-def]
+def _predict(d: Array, p: Array, jac: Array, q: Array, offset: Array, pred_d: Array, pred_p: Array) -> None:
     """Phi d + offset and Phi P Phi' + Q with the block form of Phi."""
     t = np.empty((6, 10))
     for i in range(3):
@@ -119,7 +103,25 @@ def _predict(d, p, jac, q, offset, pred_d, pred_p):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, error_model="numpy")
-def forward(n, s, nxt, jac, q, z, r, seen, mean, cov, pred_d, pred_p, filt_d, filt_p, gain, s_inv, y):  # type: ignore[no-untyped-def]
+def forward(
+    n: int,
+    s: Array,
+    nxt: Array,
+    jac: Array,
+    q: Array,
+    z: Array,
+    r: Array,
+    seen: BoolArray,
+    mean: Array,
+    cov: Array,
+    pred_d: Array,
+    pred_p: Array,
+    filt_d: Array,
+    filt_p: Array,
+    gain: Array,
+    s_inv: Array,
+    y: Array,
+) -> None:
     """Eliminate the window's states in order of time; see the module's table for the symbols.
 
     Parameters
@@ -153,7 +155,18 @@ def forward(n, s, nxt, jac, q, z, r, seen, mean, cov, pred_d, pred_p, filt_d, fi
 
 
 @njit(cache=True, error_model="numpy")
-def backward(n, jac, seen, pred_d, pred_p, gain, s_inv, y, d, lam):  # type: ignore[no-untyped-def]
+def backward(
+    n: int,
+    jac: Array,
+    seen: BoolArray,
+    pred_d: Array,
+    pred_p: Array,
+    gain: Array,
+    s_inv: Array,
+    y: Array,
+    d: Array,
+    lam: Array,
+) -> None:
     """Back-substitute: corrections ``d`` (n,10) of all states and multipliers ``lam`` (n,10)."""
     hat = np.zeros(10)
     for i in range(n - 1, -1, -1):
@@ -215,7 +228,7 @@ def solve_normal_equations(
             lower.append(-w @ phi)  # (33) with the sign of the derivative of the objective
             rhs[i] -= phi.T @ w @ e
             rhs[i + 1] += w @ e
-    factors = []
+    factors: list[tuple[Array, bool]] = []
     for i in range(n):
         if i:
             half = cho_solve(factors[-1], lower[i - 1].T)

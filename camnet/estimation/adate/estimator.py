@@ -9,7 +9,8 @@ One update at time k, with the window [xi_T, k] of states that still change:
 5. adapt the densities of Q and the scales of R                                        (35)-(39)
 6. truncation: freeze the states that no longer change                                 (40)-(41)
 
-The window's prior is the exact marginal of the frozen states, carried by the forward pass (the paper takes the last frozen
+The window's prior is the exact marginal of the frozen states, carried by the forward pass (the paper takes the
+last frozen
 state as known). A track starts with a linear constant-velocity smoother and hands over to the steering model once
 its velocity is significant: before that the heading, on which the model turns, is not known at all.
 """
@@ -25,11 +26,12 @@ from numpy.typing import ArrayLike
 
 from camnet.errors import DataError
 from camnet.estimation.adate.chain import backward, forward
-from camnet.estimation.adate.objective import objective
+from camnet.estimation.adate.rollout import predict_step
 from camnet.estimation.adate.scores import fade, scores
 from camnet.estimation.adate.settings import AdateSettings
 from camnet.estimation.adate.weights import GATE, LOCAL, NONE, STUDENT, combine, learn_scale, reweight
 from camnet.estimation.adate.window import Window
+from camnet.estimation.kalman.checks import check_observations
 from camnet.estimation.pls.model import PowerLimitedSteering, SteeringModel
 from camnet.estimation.pls.noise import channel_covariances, transition
 from camnet.types import Array
@@ -42,14 +44,25 @@ _PSI: Final = np.array([1.0] * 3 + [0.25] * 3 + [1.0 / 9.0] * 4)
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(n, par, s, tau, rest, nxt, jac, q_power, q_steer, q_iso):  # type: ignore[no-untyped-def]
+def _linearise(
+    n: int,
+    par: Array,
+    s: Array,
+    tau: Array,
+    rest: bool,
+    nxt: Array,
+    jac: Array,
+    q_power: Array,
+    q_steer: Array,
+    q_iso: Array,
+) -> None:
     for i in range(n - 1):
         resting = transition(par, s[i], tau[i], rest, nxt[i], jac[i])
         channel_covariances(par, s[i], nxt[i], tau[i], resting, jac[i], q_power[i], q_steer[i], q_iso[i])
 
 
 @njit(cache=True, error_model="numpy")
-def _largest_defect(n, s, nxt, q):  # type: ignore[no-untyped-def]
+def _largest_defect(n: int, s: Array, nxt: Array, q: Array) -> float:
     worst = 0.0
     for i in range(n - 1):
         total = 0.0
@@ -62,7 +75,7 @@ def _largest_defect(n, s, nxt, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _mix(n, power, steer, q_power, q_steer, q_iso, q):  # type: ignore[no-untyped-def]
+def _mix(n: int, power: float, steer: float, q_power: Array, q_steer: Array, q_iso: Array, q: Array) -> None:
     for i in range(n - 1):
         for a in range(10):
             for b in range(10):
@@ -106,14 +119,16 @@ class AdaptiveTrajectoryEstimator:
         self._rest = True
         self._all = np.zeros((256, 10))
         self._mean = np.zeros(10)
-        self._cov = np.eye(10)
+        self._cov: Array = np.eye(10)
+        self._causal_cov: Array = np.eye(10)
         self._ids: dict[int, int] = {}
         self._scale = np.tile(np.eye(3), (self._win.slots, 1, 1))
         self._weight = np.zeros(self._win.slots)
         a = self.settings.adaptation
         self._rule = _RULES[a.observation]
         self._rule_par = np.array(
-            [a.drift_span, a.drift_gate, a.outlier_gate, a.memory_s, a.student_dof, a.scale_memory], dtype=float
+            [a.drift_span, a.drift_gate, a.outlier_gate, a.memory_s, a.student_dof, a.scale_memory],
+            dtype=float,
         )
         self._score = np.zeros(4)
 
@@ -132,12 +147,36 @@ class AdaptiveTrajectoryEstimator:
     @property
     def covariance(self) -> Array:
         """Covariance (10,10) of `causal_state`, positive definite."""
-        return self._win.filt_p[-1].copy()
+        out: Array = self._causal_cov.copy()
+        return out
 
     @property
     def window(self) -> int:
         """Number of states updated by the last update."""
         return self._win.n
+
+    def predict(self, horizon_s: float, step_s: float | None = None) -> tuple[Array, Array, Array]:
+        """Mean path of the target after the last update, as if nothing more were seen; the estimator is left as it is.
+
+        Parameters
+        ----------
+        horizon_s : how far ahead, s
+        step_s : step of the path, s; `dt_s` when left out
+
+        Returns
+        -------
+        times (n,) s after the last update, means (n,10), covariances (n,10,10)
+        """
+        step = self.dt_s if step_s is None else float(step_s)
+        if not (step > 0.0 and horizon_s >= step):
+            raise DataError(f"horizon_s: {horizon_s!r} does not hold one step of {step!r} s")
+        count = int(horizon_s / step + 1e-9)
+        mean, cov = self.causal_state, self.covariance
+        means, covs = np.empty((count, 10)), np.empty((count, 10, 10))
+        for k in range(count):
+            predict_step(self._par, mean, cov, step, self._rest, self.power_scale, self.steering_scale)
+            means[k], covs[k] = mean, cov
+        return step * np.arange(1.0, count + 1.0), means, covs
 
     # ---------------------------------------------------------------- the update
 
@@ -160,7 +199,8 @@ class AdaptiveTrajectoryEstimator:
         ------
         DataError : shapes do not fit, values are not finite or a covariance is not positive definite
         """
-        obs, cov, ids = _checked(observations, covariances, observers)
+        obs, cov = check_observations(observations, covariances)
+        ids = _names(observers, len(obs))
         self._append(obs, cov, ids)
         if self.steps == 0 and not len(obs):
             raise DataError("observations: the first update must hold at least one observation to start from")
@@ -210,12 +250,23 @@ class AdaptiveTrajectoryEstimator:
         w = self._win
         rule = NONE if plain or self.steps == 0 else self._rule
         reweight(
-            rule, w.n, w.s, w.tau, w.obs, w.given, w.has, self._scale, self._weight, self._rule_par, w.r, w.sound
+            rule,
+            w.n,
+            w.s,
+            w.tau,
+            w.obs,
+            w.given,
+            w.has,
+            self._scale,
+            self._weight,
+            self._rule_par,
+            w.r,
+            w.sound,
         )
         combine(w.n, w.obs, w.has, w.r, w.z, w.rbar, w.seen)
 
     def _solve(self) -> None:
-        """Steps 1 to 4: Gauss-Newton until the transitions close, from a linear start when they do not."""
+        """Take Gauss-Newton steps until the transitions close, from a linear start when they do not."""
         self._weigh()
         if self._rest:
             self._linearise()
@@ -347,14 +398,29 @@ class AdaptiveTrajectoryEstimator:
             )  # fmt: skip
 
     def _store(self) -> None:
-        """Write the window into the trajectory and take the truncation index (40)."""
+        """Write the window into the trajectory and take the truncation index (40).
+
+        Steps after the last observation hold the mean of the prediction (`rollout`); the window keeps the flow.
+        """
         w, t = self._win, self.settings.truncation
         old = self._all[self._start : self.steps]
         theta = ((w.s - old) ** 2) @ _PSI
         known = np.isfinite(w.change)
-        w.change[:] = np.where(known, (1.0 - t.average) * np.where(known, w.change, 0.0) + t.average * theta, theta)
+        w.change[:] = np.where(
+            known, (1.0 - t.average) * np.where(known, w.change, 0.0) + t.average * theta, theta
+        )
         w.change[-1] = np.inf
-        old[:] = w.s
+        if w.seen[-1]:
+            old[:] = w.s
+            self._causal_cov = w.filt_p[-1].copy()
+            return
+        blind = int(np.argmax(w.seen[::-1])) if w.seen.any() else w.n
+        old[: w.n - blind] = w.s[: w.n - blind]
+        mean = self._all[self.steps - 2].copy()
+        predict_step(
+            self._par, mean, self._causal_cov, self.dt_s, self._rest, self.power_scale, self.steering_scale
+        )
+        old[-1] = mean
 
     def _truncate(self) -> None:
         """Step 6: freeze what no longer changes (41); its marginal becomes the window's prior."""
@@ -372,20 +438,11 @@ class AdaptiveTrajectoryEstimator:
             self._start += drop
 
 
-def _checked(
-    observations: ArrayLike, covariances: ArrayLike, observers: ArrayLike | None
-) -> tuple[Array, Array, list[int]]:
-    obs = np.asarray(observations, dtype=float)
-    cov = np.asarray(covariances, dtype=float)
-    if obs.size == 0:
-        return np.zeros((0, 3)), np.zeros((0, 3, 3)), []
-    if obs.ndim != 2 or obs.shape[1] != 3 or not np.isfinite(obs).all():
-        raise DataError(f"observations: shape {obs.shape} or a value is wrong; give finite positions (m,3)")
-    if cov.shape != (len(obs), 3, 3) or not np.isfinite(cov).all():
-        raise DataError(f"covariances: shape {cov.shape} does not fit; give {len(obs)} finite matrices (m,3,3)")
-    if np.any(np.linalg.eigvalsh(cov) <= 0.0):
-        raise DataError("covariances: a matrix is not positive definite; give symmetric ones with positive eigenvalues")
-    ids = list(range(len(obs))) if observers is None else [int(i) for i in np.asarray(observers).ravel()]
-    if len(ids) != len(obs) or len(set(ids)) != len(ids):
-        raise DataError(f"observers: {ids!r} must name each of the {len(obs)} observations once")
-    return obs, cov, ids
+def _names(observers: ArrayLike | None, count: int) -> list[int]:
+    """Who made the observations, as integers; 0..m-1 when not said."""
+    if observers is None or not count:
+        return list(range(count))
+    ids = [int(i) for i in np.asarray(observers).ravel()]
+    if len(ids) != count or len(set(ids)) != count:
+        raise DataError(f"observers: {ids!r} must name each of the {count} observations once")
+    return ids

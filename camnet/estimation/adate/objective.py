@@ -1,14 +1,10 @@
-r"""Value of the MAP objective (27)-(30), and the curved step that lowers it.
+"""Value of the MAP objective (27)-(30): what the Gauss-Newton steps minimise.
 
-A Gauss-Newton correction d of the states satisfies the transitions to first order only, and Q is so small in position
-that the second-order rest dominates the objective: along s + d it hardly ever falls, whatever its length. The step is
-therefore taken in the disturbances: the first state moves by d_0, every disturbance to its value eps_i = -Q_i lam_{i+1} of
-the linear solution, and the states follow by the exact flow,
-
-    s_{i+1} = f(s_i) + (1 - a) eps_i + a eps_i*          (21) with the disturbance of the step of length a
-
-so that the transition part of the objective is exactly as the linear solution says and only the observation part,
-which is not stiff, sees the curvature. Halving a until the objective does not rise makes every update a descent.
+The value is not used to accept steps. Q is so small in position that the second-order error of the transitions
+dominates the
+objective anywhere off the solution, and a descent rule cuts every step to nothing (measured); the steps close
+the transitions to first order instead and converge in one to three iterations. `AdaptiveTrajectoryEstimator`
+tests the closure.
 """
 
 from __future__ import annotations
@@ -18,15 +14,16 @@ import math
 import numpy as np
 from numba import njit
 
-from camnet.estimation.adate.chain import invert3
+from camnet.estimation.kalman.linalg import invert3
 from camnet.estimation.pls.noise import transition
+from camnet.types import Array, BoolArray
 
-__all__ = ["objective", "roll", "squared_norm"]
+__all__ = ["objective", "squared_norm"]
 
 
 @njit(cache=True, error_model="numpy")
-def squared_norm(e, cov, low):  # type: ignore[no-untyped-def]
-    """e' cov^-1 e by Cholesky; inf when ``cov`` is not positive definite. ``low`` (10,10) is scratch."""
+def squared_norm(e: Array, cov: Array, low: Array) -> float:
+    """E' cov^-1 e by Cholesky; inf when ``cov`` is not positive definite. ``low`` (10,10) is scratch."""
     n = e.shape[0]
     total = 0.0
     for i in range(n):
@@ -52,7 +49,19 @@ def squared_norm(e, cov, low):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def objective(n, par, s, tau, rest, q, z, r, seen, mean, cov):  # type: ignore[no-untyped-def]
+def objective(
+    n: int,
+    par: Array,
+    s: Array,
+    tau: Array,
+    rest: bool,
+    q: Array,
+    z: Array,
+    r: Array,
+    seen: BoolArray,
+    mean: Array,
+    cov: Array,
+) -> float:
     """Sum of the squared normalised prior, transition and observation errors of a trajectory (n,10)."""
     low = np.empty((10, 10))
     nxt = np.empty(10)
@@ -71,24 +80,3 @@ def objective(n, par, s, tau, rest, q, z, r, seen, mean, cov):  # type: ignore[n
                 for b in range(3):
                     total += (z[i, a] - s[i, a]) * inv[a, b] * (z[i, b] - s[i, b])
     return total
-
-
-@njit(cache=True, error_model="numpy")
-def roll(n, par, s, nxt, tau, rest, q, d, lam, length, out):  # type: ignore[no-untyped-def]
-    """Trajectory ``out`` (n,10) after a step of ``length`` in the disturbances.
-
-    Parameters
-    ----------
-    s, nxt : trajectory (n,10) and its flow (n-1,10)
-    q, d, lam : transition covariances, corrections and multipliers of `chain.backward`
-    """
-    jac = np.empty((6, 7))
-    for m in range(10):
-        out[0, m] = s[0, m] + length * d[0, m]
-    for i in range(n - 1):
-        transition(par, out[i], tau[i], rest, out[i + 1], jac)
-        for m in range(10):
-            new = 0.0
-            for a in range(10):
-                new -= q[i, m, a] * lam[i + 1, a]
-            out[i + 1, m] += (1.0 - length) * (s[i + 1, m] - nxt[i, m]) + length * new

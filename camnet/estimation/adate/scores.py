@@ -1,13 +1,15 @@
 r"""Adaptation of the transition covariance (li2019, section IV.B) by the likelihood's own gradient.
 
-With Q = kA Q_A + kT Q_T + Q_iso and the multipliers lam of `chain.backward`, the log-likelihood L of the observations has
+With Q = kA Q_A + kT Q_T + Q_iso and the multipliers lam of `chain.backward`, the log-likelihood L of the
+observations has
 
     dL/dk = 1/2 (lam' Q_k lam - trace(Q_k Lam)),      Lam = Cov(lam)                       (de Jong, 1989)
 
 so lam' Q_k lam / trace(Q_k Lam) has mean one when k is right. Its logarithm, taken once for each transition
 at a fixed lag, drives log k: a density that explains the manoeuvres, learnt while running.
 
-**Departure.** (35) mixes Q with e e^T of the smoothed residual e. A smoothed residual is much smaller than the disturbance it
+**Departure.** (35) mixes Q with e e^T of the smoothed residual e. A smoothed residual is much smaller than the
+disturbance it
 estimates (its covariance is Q Lam Q, not Q), so (35) shrinks Q by t_m/(t_m + tau) at almost every update whatever the
 motion does, and its rank-one term makes Q nearly singular. `fade` keeps (35) as an option.
 """
@@ -19,11 +21,23 @@ import math
 import numpy as np
 from numba import njit
 
+from camnet.types import Array, BoolArray
+
 __all__ = ["fade", "scores"]
 
 
 @njit(cache=True, error_model="numpy")
-def scores(n, lag, jac, seen, gain, s_inv, lam, q_power, q_steer):  # type: ignore[no-untyped-def]
+def scores(
+    n: int,
+    lag: int,
+    jac: Array,
+    seen: BoolArray,
+    gain: Array,
+    s_inv: Array,
+    lam: Array,
+    q_power: Array,
+    q_steer: Array,
+) -> tuple[float, float, float, float]:
     """Normalised scores of the transition ``lag`` steps before the last: power and steering.
 
     Returns
@@ -97,7 +111,7 @@ def scores(n, lag, jac, seen, gain, s_inv, lam, q_power, q_steer):  # type: igno
 
 
 @njit(cache=True, error_model="numpy")
-def fade(n, s, nxt, q, tau, memory):  # type: ignore[no-untyped-def]
+def fade(n: int, s: Array, nxt: Array, q: Array, tau: Array, memory: float) -> None:
     """Fading-memory update (35)-(36) of every transition covariance of the window, with its floor.
 
     The floor of 1e-12 of the trace keeps the printed rule from making Q singular.

@@ -19,8 +19,8 @@ class StartSettings(Settings):
     ``significance`` is the normalised squared speed v' P^-1 v above which the steering model takes over.
     """
 
-    speed_sd_m_s: Positive = 5.0
-    significance: Positive = 12.0
+    speed_sd_m_s: Positive = 2.0
+    significance: Positive = 25.0
     power_sd: Positive = 0.2
     balance_sd_m_s: Positive = 0.3
     turn_sd_rad_s: Positive = 0.05
@@ -36,12 +36,12 @@ class AdaptationSettings(Settings):
 
     process: Literal["score", "fading", "none"] = "score"
     process_gain: NonNegative = 0.05
-    process_lag: _Count = 15
+    process_lag: _Count = 25
     process_range: Positive = 1000.0
     memory_s: Positive = 20.0
     observation: Literal["local", "gate", "student", "none"] = "local"
     drift_span: _Count = 8
-    drift_gate: Positive = 9.0
+    drift_gate: Positive = 16.0
     outlier_gate: Positive = 16.0
     learn_scale: bool = True
     scale_memory: Positive = 30.0
@@ -51,7 +51,8 @@ class AdaptationSettings(Settings):
 class TruncationSettings(Settings):
     """Length of the part of the trajectory that is still updated (40), (41).
 
-    A state is frozen when the weighted squared change of all states up to it stays below ``threshold``, when ``keep`` observed
+    A state is frozen when the weighted squared change of all states up to it stays below ``threshold``, when
+    ``keep`` observed
     steps follow it; at most ``limit`` steps are kept in any case.
     """
 

@@ -7,12 +7,15 @@ r"""Adaptation of the observation covariances (li2019, section IV.C): drift, out
 | C_ij | R0_ij rescaled by what the whitened residuals of observer j showed | (3,3) | |
 | m_ij | mean of the residuals of observer j within `span` steps of i (N of them), less the observers' median | (3,) | |
 
-`local` (the default):  R_ij = C_ij + N max(0, 1 - g/t) m m^T,  t = N m^T C_ij^-1 m: a drift is a residual that does not average
+`local` (the default):  R_ij = C_ij + N max(0, 1 - g/t) m m^T,  t = N m^T C_ij^-1 m: a drift is a residual that
+does not average
 out, so it is tested, and charged, on the local mean; the factor N is the number of steps over which it stays the same.
 `gate` is the paper's rule: an observation whose squared deviation (38) exceeds min((3 rms)^2, `outlier_gate`) gets
-R = (t_m R0 + tau dz dz^T)/(t_m + tau) (39), restarted from R0 at each update. `student` divides R0 by the Student-t weight.
+R = (t_m R0 + tau dz dz^T)/(t_m + tau) (39), restarted from R0 at each update. `student` divides R0 by the
+Student-t weight.
 
-**Departure.** (39) with t_m well above tau hardly changes R for a residual of a few deviations, and looks at one observation at a
+**Departure.** (39) with t_m well above tau hardly changes R for a residual of a few deviations, and looks at
+one observation at a
 time: a slow drift passes under its gate for as long as it stays under three deviations. Hence `local`.
 """
 
@@ -23,7 +26,8 @@ import math
 import numpy as np
 from numba import njit
 
-from camnet.estimation.adate.chain import invert3
+from camnet.estimation.kalman.linalg import invert3
+from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["GATE", "LOCAL", "NONE", "STUDENT", "combine", "learn_scale", "reweight"]
 
@@ -31,8 +35,8 @@ NONE, LOCAL, GATE, STUDENT = 0, 1, 2, 3
 
 
 @njit(cache=True, error_model="numpy")
-def _deviation(e, inv):  # type: ignore[no-untyped-def]
-    """e' inv e for three components."""
+def _deviation(e: Array, inv: Array) -> float:
+    """E' inv e for three components."""
     total = 0.0
     for a in range(3):
         for b in range(3):
@@ -41,7 +45,7 @@ def _deviation(e, inv):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _root(a, low):  # type: ignore[no-untyped-def]
+def _root(a: Array, low: Array) -> None:
     """Lower Cholesky factor of a symmetric positive definite (3,3)."""
     low[:] = 0.0
     low[0, 0] = math.sqrt(a[0, 0])
@@ -53,7 +57,7 @@ def _root(a, low):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _scaled(given, scale, weight, prior, low, out):  # type: ignore[no-untyped-def]
+def _scaled(given: Array, scale: Array, weight: float, prior: float, low: Array, out: Array) -> None:
     """Covariance L ((prior I + weight scale)/(prior + weight)) L^T with L L^T the given one."""
     _root(given, low)
     t = np.zeros((3, 3))
@@ -71,7 +75,7 @@ def _scaled(given, scale, weight, prior, low, out):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, error_model="numpy")
-def _gate(n, s, obs, given, has, ceiling):  # type: ignore[no-untyped-def]
+def _gate(n: int, s: Array, obs: Array, given: Array, has: BoolArray, ceiling: float) -> float:
     """Squared deviation above which the printed rule acts: nine mean squares, at most ``ceiling``."""
     low = np.empty((3, 3))
     inv = np.empty((3, 3))
@@ -86,11 +90,12 @@ def _gate(n, s, obs, given, has, ceiling):  # type: ignore[no-untyped-def]
                     e[a] = obs[i, j, a] - s[i, a]
                 total += _deviation(e, inv)
                 hits += 1
-    return min(9.0 * total / max(hits, 1), ceiling)
+    gate: float = min(9.0 * total / max(hits, 1), ceiling)
+    return gate
 
 
 @njit(cache=True, error_model="numpy")
-def _middle(values, count):  # type: ignore[no-untyped-def]
+def _middle(values: Array, count: int) -> float:
     """Median of the first ``count`` values, which are sorted in place."""
     for i in range(1, count):
         x = values[i]
@@ -104,7 +109,9 @@ def _middle(values, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _consensus(n, s, obs, has, span, single, local, hits):  # type: ignore[no-untyped-def]
+def _consensus(
+    n: int, s: Array, obs: Array, has: BoolArray, span: int, single: Array, local: Array, hits: IntArray
+) -> None:
     """Residuals, and their means within ``span`` steps, less the observers' median.
 
     The median takes away what is common to the observers: a trajectory that lags behind a manoeuvre, which is no fault
@@ -157,7 +164,20 @@ def _consensus(n, s, obs, has, span, single, local, hits):  # type: ignore[no-un
 
 
 @njit(cache=True, error_model="numpy")
-def reweight(rule, n, s, tau, obs, given, has, scale, weight, par, r, sound):  # type: ignore[no-untyped-def]
+def reweight(
+    rule: int,
+    n: int,
+    s: Array,
+    tau: Array,
+    obs: Array,
+    given: Array,
+    has: BoolArray,
+    scale: Array,
+    weight: Array,
+    par: Array,
+    r: Array,
+    sound: BoolArray,
+) -> None:
     """Fill ``r`` (n,m,3,3) with the covariances in force and ``sound`` (n,m) with whether they are not inflated.
 
     Parameters
@@ -219,7 +239,7 @@ def reweight(rule, n, s, tau, obs, given, has, scale, weight, par, r, sound):  #
 
 
 @njit(cache=True, error_model="numpy")
-def combine(n, obs, has, r, z, rbar, seen):  # type: ignore[no-untyped-def]
+def combine(n: int, obs: Array, has: BoolArray, r: Array, z: Array, rbar: Array, seen: BoolArray) -> None:
     """Combine the observers of each step into one observation ``z`` (n,3) of covariance ``rbar`` (n,3,3)."""
     inv = np.empty((3, 3))
     info = np.empty((3, 3))
@@ -243,7 +263,16 @@ def combine(n, obs, has, r, z, rbar, seen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def learn_scale(s, obs, given, has, sound, memory, scale, weight):  # type: ignore[no-untyped-def]
+def learn_scale(
+    s: Array,
+    obs: Array,
+    given: Array,
+    has: BoolArray,
+    sound: BoolArray,
+    memory: float,
+    scale: Array,
+    weight: Array,
+) -> None:
     """Take the residuals of one step into the learnt second moments, unless their covariance is inflated.
 
     Parameters

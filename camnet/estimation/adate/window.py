@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
 __all__ = ["Window"]
 
@@ -42,6 +44,11 @@ class Window:
     limit : largest number of states kept
     observers : number of observer slots to begin with
     """
+
+    if TYPE_CHECKING:
+        seen: BoolArray
+        has: BoolArray
+        sound: BoolArray
 
     def __init__(self, limit: int, observers: int = 4) -> None:
         self._rows = 2 * limit + 2

@@ -14,7 +14,8 @@ where r(t) is the exact speed transition (`camnet.estimation.pls.speed`). The de
 and the position rows are the integral of the velocity rows, by the four-point Radau rule with the step's end as a node.
 
 **Departure.** The paper's Phi (63)-(71) satisfies Phi s ~ flow(s) but is not the derivative of the flow
-(`linear_form` gives its regular form for comparison); Gauss-Newton needs the derivative, and the offset flow(s) - Phi s.
+(`linear_form` gives its regular form for comparison); Gauss-Newton needs the derivative, and the offset
+flow(s) - Phi s.
 
 `CONSTANT_TURN` is the same model with the speed held: the constant-turn baseline in the same ten states.
 """
@@ -45,7 +46,7 @@ def skew(a: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _turn(c, t, rot):  # type: ignore[no-untyped-def]
+def _turn(c: Array, t: float, rot: Array) -> tuple[float, float]:
     """Fill ``rot`` (3,3) with exp(t [c]x); return the coefficients of J(t)."""
     c2 = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
     th2 = c2 * t * t
@@ -75,7 +76,7 @@ def _turn(c, t, rot):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def flow(kind, s, tau, alpha, beta, out):  # type: ignore[no-untyped-def]
+def flow(kind: int, s: Array, tau: float, alpha: float, beta: float, out: Array) -> None:
     """State after ``tau`` written to ``out`` (10,); p and cT stay.
 
     Parameters
@@ -105,7 +106,9 @@ def flow(kind, s, tau, alpha, beta, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def flow_derivative(kind, s, tau, alpha, beta, out, jac):  # type: ignore[no-untyped-def]
+def flow_derivative(
+    kind: int, s: Array, tau: float, alpha: float, beta: float, out: Array, jac: Array
+) -> None:
     """As `flow`, and ``jac`` (6, 7): derivative of (x, v) after the step by (v, p, cT) before it.
 
     The whole Phi (10, 10) is [[I, jac[:3]], [0, jac[3:]], [0, 0, I4]] in columns x, (v, p, cT).
@@ -162,7 +165,7 @@ def flow_derivative(kind, s, tau, alpha, beta, out, jac):  # type: ignore[no-unt
 
 
 def linear_form(s: Array, tau: float, alpha: float, beta: float, shift: float = 0.0) -> Array:
-    """The paper's transition matrix (24), (70)-(71) in its regular form, for comparison.
+    """Give the paper's transition matrix (24), (70)-(71) in its regular form, for comparison.
 
     Expanded about the equilibrium speed -z2 = 2 p/(beta + gamma) instead of -z1, so that h = 2/(beta + gamma) stays
     finite through p = 0 and |v+| = E |v| + (1 - E) h p holds exactly; ``shift`` is the compensation Dv (18).

@@ -143,5 +143,13 @@ class ConstantTurn(SteeringModel):
         _finite("rest_speed", self.rest_speed, False)
         densities = _three("steering_density", self.steering_density)
         _pack(
-            self, CONSTANT_TURN, 0.0, 0.0, 1e-6, *densities, self.velocity_density, self.rest_speed, self.rest_density
+            self,
+            CONSTANT_TURN,
+            0.0,
+            0.0,
+            1e-6,
+            *densities,
+            self.velocity_density,
+            self.rest_speed,
+            self.rest_density,
         )

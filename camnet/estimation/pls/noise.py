@@ -7,7 +7,8 @@ B is interpolated over the step by the polynomial that has its exact value and s
     B_v(sig) = a sig + b sig^2 + c sig^3,   B_x(sig) = a/2 sig^2 + b sig^3 + c sig^4,   sig = tau - s
     a = g(end),   B(tau) = Phi[:, p cT],   B'(tau) = Phi[:, v] g(start)
 
-and the integral is taken by the four-point Gauss-Legendre rule: a sum of squares, of full rank while the body moves. A small
+and the integral is taken by the four-point Gauss-Legendre rule: a sum of squares, of full rank while the body
+moves. A small
 isotropic density on the velocity keeps it positive definite at rest, where power and steering act on nothing.
 
 **Departure.** (78)-(79) drop powers of tau (and 1 - E where E is meant) and give indefinite matrices; the integral (72)
@@ -23,6 +24,7 @@ import numpy as np
 from numba import njit
 
 from camnet.estimation.pls.flow import POWER_LIMITED, flow_derivative
+from camnet.types import Array
 
 __all__ = ["PARAMETERS", "channel_covariances", "process_covariance", "transition"]
 
@@ -46,7 +48,7 @@ _W4 = np.array([0.17392742256872692, 0.32607257743127307, 0.32607257743127307, 0
 
 
 @njit(cache=True, error_model="numpy")
-def transition(par, s, tau, rest, out, jac):  # type: ignore[no-untyped-def]
+def transition(par: Array, s: Array, tau: float, rest: bool, out: Array, jac: Array) -> bool:
     """Flow and derivative of one step; constant velocity when ``rest`` or slower than ``rest_speed``.
 
     Returns
@@ -70,7 +72,7 @@ def transition(par, s, tau, rest, out, jac):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _gain(kind, s, g):  # type: ignore[no-untyped-def]
+def _gain(kind: int, s: Array, g: Array) -> None:
     """Effect (3,4) of power and angular velocity on the acceleration: [u/r, -[v]x]."""
     r2 = s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
     inv = 1.0 / r2 if r2 > 0.0 and kind == POWER_LIMITED else 0.0
@@ -82,7 +84,7 @@ def _gain(kind, s, g):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _moving(par, s, end, tau, jac, q_power, q_steer):  # type: ignore[no-untyped-def]
+def _moving(par: Array, s: Array, end: Array, tau: float, jac: Array, q_power: Array, q_steer: Array) -> None:
     """Add the integral (72) of a moving body to the lower triangles of ``q_power`` and ``q_steer``."""
     kind = int(par[0])
     start_gain = np.empty((3, 4))
@@ -127,7 +129,17 @@ def _moving(par, s, end, tau, jac, q_power, q_steer):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def channel_covariances(par, s, end, tau, resting, jac, q_power, q_steer, q_iso):  # type: ignore[no-untyped-def]
+def channel_covariances(
+    par: Array,
+    s: Array,
+    end: Array,
+    tau: float,
+    resting: bool,
+    jac: Array,
+    q_power: Array,
+    q_steer: Array,
+    q_iso: Array,
+) -> None:
     """Parts of (72) by source: random power, random steering, isotropic velocity; Q is their sum.
 
     Parameters
@@ -160,7 +172,9 @@ def channel_covariances(par, s, end, tau, resting, jac, q_power, q_steer, q_iso)
 
 
 @njit(cache=True, error_model="numpy")
-def process_covariance(par, s, end, tau, resting, jac, q):  # type: ignore[no-untyped-def]
+def process_covariance(
+    par: Array, s: Array, end: Array, tau: float, resting: bool, jac: Array, q: Array
+) -> None:
     """Fill ``q`` (10,10) with the whole covariance (72); arguments as in `channel_covariances`."""
     steer = np.empty((10, 10))
     iso = np.empty((10, 10))

@@ -31,7 +31,7 @@ def ode_flow(s: Array, tau_s: float, alpha: float, beta: float) -> Array:
 
 
 def derivative(s: Array, tau_s: float, alpha: float, beta: float) -> Array:
-    """Derivative (10,10) of `ode_flow` by fourth-order central differences."""
+    """Differentiate: (10,10) of `ode_flow` by fourth-order central differences."""
     out = np.empty((10, 10))
     for j in range(10):
         h = 1e-4 * max(abs(s[j]), 0.1)

@@ -20,7 +20,8 @@ singular where p crosses zero. Writing r1 = req + E (r - req) turns (50) into
 
     G(y) = req y + gamma tau + z1 log(1 + a (exp(y) - 1)) = 0,    a = (r - req)/(r + z1)
 
-which is monotone in y = log E, regular at p = 0 and at r = req, and is solved to convergence by Newton's method inside a
+which is monotone in y = log E, regular at p = 0 and at r = req, and is solved to convergence by Newton's
+method inside a
 bracket. The derivatives Psi and P follow by differentiating G. Where p is so negative that the roots are close
 or complex (gamma^2 <= beta^2/4) the travel time itself is the equation: D is then bounded away from zero.
 Both branches end at rest (r1 = 0) when the body stops within the step, which the paper's formula does not cover.
@@ -56,7 +57,7 @@ def equilibrium_speed(p: float, alpha: float, beta: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _root_form(r, p, tau, alpha, beta):  # type: ignore[no-untyped-def]
+def _root_form(r: float, p: float, tau: float, alpha: float, beta: float) -> tuple[float, float, float]:
     """Branch with two well separated real roots: Newton on G(y); returns (r1, Psi, P)."""
     gamma = math.sqrt(beta * beta + 4.0 * alpha * p)
     z1 = (beta + gamma) / (2.0 * alpha)
@@ -119,7 +120,7 @@ def _root_form(r, p, tau, alpha, beta):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _travel_time(r0, r1, p, alpha, beta):  # type: ignore[no-untyped-def]
+def _travel_time(r0: float, r1: float, p: float, alpha: float, beta: float) -> float:
     """Time to slow from r0 to r1 where D > 0 throughout, the integral of u/D(u) (45)."""
     d0 = alpha * r0 * r0 + beta * r0 - p
     d1 = alpha * r1 * r1 + beta * r1 - p
@@ -140,7 +141,7 @@ def _travel_time(r0, r1, p, alpha, beta):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _braking_form(r, p, tau, alpha, beta):  # type: ignore[no-untyped-def]
+def _braking_form(r: float, p: float, tau: float, alpha: float, beta: float) -> tuple[float, float, float]:
     """Branch of strong braking: Newton on the travel time in the variable w = r^2/2; returns (r1, Psi, P)."""
     if r <= 0.0 or tau >= _travel_time(r, 0.0, p, alpha, beta):
         return 0.0, 0.0, 0.0
@@ -175,7 +176,7 @@ def _braking_form(r, p, tau, alpha, beta):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def speed_transition(r, p, tau, alpha, beta):  # type: ignore[no-untyped-def]
+def speed_transition(r: float, p: float, tau: float, alpha: float, beta: float) -> tuple[float, float, float]:
     """Speed after ``tau`` and its derivatives, with the specific power held (17).
 
     Parameters
@@ -199,7 +200,7 @@ def speed_transition(r, p, tau, alpha, beta):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def compensation(r, p, tau, alpha, beta, power_density):  # type: ignore[no-untyped-def]
+def compensation(r: float, p: float, tau: float, alpha: float, beta: float, power_density: float) -> float:
     """Mean shift of the speed by the random power during the step, (18) and appendix B.
 
     **Departure.** The integral of (58) gives the factor 1/mu^2; (18) and (60) print 1/mu (their units do not match).
