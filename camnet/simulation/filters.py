@@ -50,5 +50,5 @@ def build_filter(
         return IdealPredictor(true_twist, settings, rate_hz)
     if name == "printed":
         bare = GapSettings(prior="none", learn_across=False)
-        settings = settings.model_copy(update={"gap": bare})
+        settings = settings.model_copy(update={"gap": bare, "leakage": 0.0})
     return LearningEstimator(settings, basis, n_regions, rate_hz, bounds, name)

@@ -140,7 +140,7 @@ class NetworkSimulation:
         n, before = self.network.n_agents, self.snapshot
         reference = self._references.reference(self._reference_state)
         control = self._controller.control(before.camera_p_world[:n], before.camera_q_world[:n], reference)
-        self.snapshot = self.world.step(CameraCommand(control.v_world, control.w_cam))
+        self.snapshot = self.world.step(CameraCommand(control.v_world, control.w_cam, control.a_world))
         self.count += 1
         self.disturbance.update(before, self.snapshot, control)
         self._reference_state = self._references.step(

@@ -1,0 +1,49 @@
+"""``camnet bench``: speed, always as a ratio against a named baseline in the same run."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+from typing import Any
+
+from camnet import __version__
+from camnet.cli.common import add_common, progress_bar
+from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+
+__all__ = ["BENCHMARKS", "add_parser"]
+
+#: name -> module with ``run(seed=, progress=) -> dict``, and what it measures
+BENCHMARKS = {
+    "simulation": ("camnet.experiments.bench_simulation", "closed loop against real time and raw PyBullet"),
+}
+
+
+def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Register the command."""
+    listing = "\n".join(f"  {name:18s} {words}" for name, (_, words) in BENCHMARKS.items())
+    parser = commands.add_parser(
+        "bench",
+        help="speed against named baselines",
+        description=f"Measure speed against a baseline that runs beside it.\n\n{listing}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("benchmark", choices=BENCHMARKS, metavar="BENCHMARK", help="one of the names above")
+    add_common(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one benchmark."""
+    module = importlib.import_module(BENCHMARKS[args.benchmark][0])
+    folder = None if args.out is None else choose_folder(args.out, "", args.force)
+    with progress_bar(1.0, args.benchmark, "", args.quiet) as advance:
+        content = {**module.run(seed=args.seed or 0, progress=advance), "version": __version__}
+    if folder is not None:
+        with whole_folder(folder) as temporary:
+            write_json(temporary / "result.json", content)
+    if args.json:
+        print_json(content)
+    else:
+        print(json.dumps(content, indent=2))
+    return 0

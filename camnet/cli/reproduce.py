@@ -1,0 +1,73 @@
+"""``camnet reproduce``: published and recorded experiments, with their tables and figures."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from camnet import __version__
+from camnet.cli.common import add_common, progress_bar, say
+from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.errors import ConfigError
+
+__all__ = ["EXPERIMENTS", "Experiment", "add_parser"]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment: where its ``run(seeds=, out_dir=, seed=, progress=[, data=])`` lives and what it shows."""
+
+    module: str
+    words: str
+    seeds: int = 1
+    needs_data: bool = False
+
+
+EXPERIMENTS = {
+    "adate-table": Experiment("camnet.experiments.adate_table", "AdaTE beside Kalman filters, six groups (li2019)", 20),
+}
+
+
+def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Register the command."""
+    listing = "\n".join(f"  {name:18s} {experiment.words}" for name, experiment in EXPERIMENTS.items())
+    parser = commands.add_parser(
+        "reproduce",
+        help="published experiments: tables and figures",
+        description=f"Run a published experiment again and set our figures beside the published ones.\n\n{listing}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("experiment", choices=EXPERIMENTS, metavar="EXPERIMENT", help="one of the names above")
+    parser.add_argument("--seeds", type=int, metavar="K", help="number of seeds, from --seed on")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of recorded inputs, where one is needed")
+    add_common(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one experiment and write its folder."""
+    experiment = EXPERIMENTS[args.experiment]
+    seeds = experiment.seeds if args.seeds is None else args.seeds
+    if seeds < 1:
+        raise ConfigError(f"--seeds {seeds}: give a whole number of at least 1")
+    options: dict[str, Any] = {"seeds": seeds, "seed": args.seed or 0}
+    if experiment.needs_data:
+        if args.data is None or not args.data.is_dir():
+            raise ConfigError(f"--data {args.data}: {args.experiment} needs the folder of its recorded inputs")
+        options["data"] = args.data
+    folder = choose_folder(args.out, f"reproduce-{args.experiment}", args.force)
+    module = importlib.import_module(experiment.module)
+    with whole_folder(folder) as temporary:
+        with progress_bar(1.0, args.experiment, "", args.quiet) as advance:
+            result = module.run(out_dir=temporary, progress=advance, **options)
+        content = {**result, "version": __version__}
+        write_json(temporary / "result.json", content)
+    if args.json:
+        print_json(content)
+    else:
+        module.print_table(result)
+    say(f"wrote {folder}")
+    return 0
