@@ -142,7 +142,8 @@ class AdaptiveTrajectoryEstimator:
     @property
     def causal_state(self) -> Array:
         """State (10,) at the last update, from the observations so far."""
-        return self._all[self.steps - 1].copy()
+        out: Array = self._all[self.steps - 1].copy()
+        return out
 
     @property
     def covariance(self) -> Array:

@@ -105,7 +105,8 @@ def _middle(values: Array, count: int) -> float:
             k -= 1
         values[k] = x
     half = count // 2
-    return values[half] if count % 2 else 0.5 * (values[half - 1] + values[half])
+    middle: float = values[half] if count % 2 else 0.5 * (values[half - 1] + values[half])
+    return middle
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,9 +7,9 @@ B is interpolated over the step by the polynomial that has its exact value and s
     B_v(sig) = a sig + b sig^2 + c sig^3,   B_x(sig) = a/2 sig^2 + b sig^3 + c sig^4,   sig = tau - s
     a = g(end),   B(tau) = Phi[:, p cT],   B'(tau) = Phi[:, v] g(start)
 
-and the integral is taken by the four-point Gauss-Legendre rule: a sum of squares, of full rank while the body
-moves. A small
-isotropic density on the velocity keeps it positive definite at rest, where power and steering act on nothing.
+and the integral is taken by the four-point Gauss-Legendre rule (with B from the flow at every node where the squared speed
+changes by more than a factor of two in the step): a sum of squares, of full rank while the body moves. A small isotropic
+density on the velocity keeps it positive definite at rest, where power and steering act on nothing.
 
 **Departure.** (78)-(79) drop powers of tau (and 1 - E where E is meant) and give indefinite matrices; the integral (72)
 itself is evaluated here.
@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from camnet.estimation.pls.flow import POWER_LIMITED, flow_derivative
+from camnet.estimation.pls.flow import POWER_LIMITED, flow, flow_derivative
 from camnet.types import Array
 
 __all__ = ["PARAMETERS", "channel_covariances", "process_covariance", "transition"]
@@ -111,21 +111,38 @@ def _moving(par: Array, s: Array, end: Array, tau: float, jac: Array, q_power: A
     b = np.empty((6, 4))
     for k in range(4):
         x = _X4[k]
-        w = _W4[k] * tau
         for i in range(3):
             for m in range(4):
                 a = end_gain[i, m]
                 b[3 + i, m] = x * (a * tau + x * (second[3 + i, m] + x * third[3 + i, m]))
                 b[i, m] = x * x * (0.5 * a * tau * tau + x * (second[i, m] + x * third[i, m]))
-        for i in range(6):
-            for j in range(i + 1):
-                q_power[i, j] += w * par[3] * b[i, 0] * b[j, 0]
-                q_steer[i, j] += w * (
-                    par[4] * b[i, 1] * b[j, 1] + par[5] * b[i, 2] * b[j, 2] + par[6] * b[i, 3] * b[j, 3]
-                )
-            q_power[6, i] += w * par[3] * b[i, 0]
-            for m in range(3):
-                q_steer[7 + m, i] += w * par[4 + m] * b[i, 1 + m]
+        _accumulate(par, b, _W4[k] * tau, q_power, q_steer)
+
+
+@njit(cache=True, error_model="numpy")
+def _accumulate(par: Array, b: Array, w: float, q_power: Array, q_steer: Array) -> None:
+    """Add w B D B' of one node, B (6,4) over the identity of the power and turn rate."""
+    for i in range(6):
+        for j in range(i + 1):
+            q_power[i, j] += w * par[3] * b[i, 0] * b[j, 0]
+            q_steer[i, j] += w * (
+                par[4] * b[i, 1] * b[j, 1] + par[5] * b[i, 2] * b[j, 2] + par[6] * b[i, 3] * b[j, 3]
+            )
+        q_power[6, i] += w * par[3] * b[i, 0]
+        for m in range(3):
+            q_steer[7 + m, i] += w * par[4 + m] * b[i, 1 + m]
+
+
+@njit(cache=True, error_model="numpy")
+def _changing(par: Array, s: Array, tau: float, q_power: Array, q_steer: Array) -> None:
+    """As `_moving` where the speed changes much within the step: B from the flow at every node."""
+    mid = np.empty(10)
+    end = np.empty(10)
+    jac = np.empty((6, 7))
+    for k in range(4):
+        flow(int(par[0]), s, _X4[k] * tau, par[1], par[2], mid)
+        flow_derivative(int(par[0]), mid, (1.0 - _X4[k]) * tau, par[1], par[2], end, jac)
+        _accumulate(par, jac[:, 3:7], _W4[k] * tau, q_power, q_steer)
 
 
 @njit(cache=True, error_model="numpy")
@@ -154,8 +171,13 @@ def channel_covariances(
     q_iso[:] = 0.0
     iso = par[7]
     if not resting:
-        _moving(par, s, end, tau, jac, q_power, q_steer)
-        resting = end[3] * end[3] + end[4] * end[4] + end[5] * end[5] < par[8] * par[8]
+        before = s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
+        after = end[3] * end[3] + end[4] * end[4] + end[5] * end[5]
+        if 0.5 * before < after < 2.0 * before:
+            _moving(par, s, end, tau, jac, q_power, q_steer)
+        else:
+            _changing(par, s, tau, q_power, q_steer)
+        resting = after < par[8] * par[8]
     if resting:
         iso += par[9]
     q_power[6, 6] = tau * par[3]
