@@ -27,11 +27,11 @@ the error.
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from camnet.control.rates_kernel import mean_rates, row_norms, turn_between
+from camnet.control.monitor_kernel import advance_envelopes, realised_disturbance, row_norms, without_slip
 from camnet.control.settings import ControllerSettings
 from camnet.control.sliding_mode import CameraControl, Reference, switching_loss
 from camnet.types import Array, Snapshot
@@ -51,24 +51,31 @@ def envelope(t_s: Array, e0: float, k1: float, excess: float, layer_term: float)
     return np.asarray(smooth + excess / k1 * (1.0 - decay))
 
 
-class _Envelope:
-    """The recursion of a and b for N agents; see the module's text."""
+@dataclass(frozen=True, eq=False, slots=True)
+class _Period:
+    """One control period: length, disturbance (N,6), camera orientations (N,4) and reference at its start."""
 
-    def __init__(self, k1: float, d_bar: float, loss: float) -> None:
-        self._k1, self._d_bar, self._layer = k1, d_bar, 3.0 * loss * d_bar
-        self._a2: Array = np.zeros(0)
-        self._b: Array = np.zeros(0)
+    dt_s: float
+    d: Array
+    q0: Array
+    reference: Reference
 
-    def start(self, error: Array) -> None:
-        self._a2, self._b = error**2, np.zeros_like(error)
-
-    def advance(self, d: Array, h: float) -> Array:
-        """Bound (N,) after a period of ``h`` seconds with disturbance norms ``d`` (N,)."""
-        k1 = self._k1
-        held = 0.5 * h * (d + math.sqrt(3.0) * self._d_bar) ** 2
-        self._a2 = self._a2 * math.exp(-2.0 * k1 * h) + 2.0 * h * (self._layer + held)
-        self._b = self._b * math.exp(-k1 * h) + h * np.maximum(d - self._d_bar, 0.0)
-        return np.sqrt(self._a2) + self._b
+    def without_slip(self, now: Reference) -> Array:
+        """Norms (2,N) of the disturbance less what the reference moved beyond its held velocity."""
+        then = self.reference
+        return np.asarray(
+            without_slip(
+                self.d,
+                self.q0,
+                then.p_world,
+                then.q_world,
+                then.v_world,
+                then.w_cam,
+                now.p_world,
+                now.q_world,
+                self.dt_s,
+            )
+        )
 
 
 class DisturbanceMonitor:
@@ -81,57 +88,49 @@ class DisturbanceMonitor:
     """
 
     def __init__(self, settings: ControllerSettings, n_agents: int) -> None:
-        self._n = n_agents
-        self._bars = (settings.d_bar_mps, settings.d_bar_radps)
-        loss = switching_loss(settings.switching, settings.boundary_layer)
-        self._envelopes = tuple(_Envelope(settings.k1_per_s, bar, loss) for bar in self._bars)
-        self._norms: tuple[list[Array], list[Array]] = ([], [])
-        self._error_max = [0.0, 0.0]
+        self._n, self._k1 = n_agents, settings.k1_per_s
+        self._bars = np.array([settings.d_bar_mps, settings.d_bar_radps])
+        self._layer = 3.0 * switching_loss(settings.switching, settings.boundary_layer) * self._bars
+        self._a2, self._b = np.zeros((2, n_agents)), np.zeros((2, n_agents))
+        self._norms: list[Array] = []
+        self._error_max = np.zeros(2)
         self._exceeded = self._bound_exceeded = 0
-        self._last: tuple[float, Array, Array, Array, CameraControl] | None = None
+        self._last: _Period | None = None
 
     def update(self, before: Snapshot, after: Snapshot, control: CameraControl) -> None:
         """Take one control period: the truth at its two ends and the command between them."""
-        if self._n == 0:
+        n = self._n
+        if n == 0:
             return
         dt = after.t_s - before.t_s
-        p0, q0 = before.camera_p_world[: self._n], before.camera_q_world[: self._n]
-        p1, q1 = after.camera_p_world[: self._n], after.camera_q_world[: self._n]
-        d_linear = (p1 - p0) / dt - control.v_world
-        d_angular = mean_rates(q0, q1, dt) - control.w_cam
+        q0, d = before.camera_q_world[:n], np.empty((n, 6))
+        norms = realised_disturbance(
+            before.camera_p_world[:n],
+            q0,
+            after.camera_p_world[:n],
+            after.camera_q_world[:n],
+            control.v_world,
+            control.w_cam,
+            dt,
+            d,
+        )
         self._judge(control)
-        beyond = False
-        for norms, d, bar in zip(self._norms, (d_linear, d_angular), self._bars, strict=True):
-            norms.append(row_norms(d))
-            beyond = beyond or bool((norms[-1] > bar).any())
-        self._exceeded += beyond
-        self._last = (dt, d_linear, d_angular, q0, control)
+        self._norms.append(norms)
+        self._exceeded += bool((norms > self._bars[:, None]).any())
+        self._last = _Period(dt, d, q0, control.reference)
 
     def _judge(self, control: CameraControl) -> None:
         """Compare the errors at this instant with the envelopes, moved on over the period that ends here."""
-        errors = [row_norms(e) for e in (control.e_linear, control.e_angular)]
+        errors = np.stack([row_norms(control.e_linear), row_norms(control.e_angular)])
         if self._last is None:
-            for bound, error in zip(self._envelopes, errors, strict=True):
-                bound.start(error)
+            self._a2 = errors**2
         else:
-            realised = self._with_slip(control.reference)
-            outside = False
-            for bound, d, error in zip(self._envelopes, realised, errors, strict=True):
-                outside = outside or bool((error > bound.advance(d, self._last[0]) + _ROUNDING).any())
-            self._bound_exceeded += outside
-        for k, error in enumerate(errors):
-            self._error_max[k] = max(self._error_max[k], float(error.max()))
-
-    def _with_slip(self, now: Reference) -> tuple[Array, Array]:
-        """Norms (N,) of the last period's disturbance less what the reference moved beyond its held velocity."""
-        if self._last is None:
-            raise RuntimeError("no earlier period")
-        dt, d_linear, d_angular, q0, control = self._last
-        then = control.reference
-        slip_linear = (now.p_world - then.p_world) / dt - then.v_world
-        slip = mean_rates(then.q_world, now.q_world, dt) - then.w_cam
-        slip_angular = turn_between(q0, then.q_world, slip)  # into the camera's frame
-        return row_norms(d_linear - slip_linear), row_norms(d_angular - slip_angular)
+            realised = self._last.without_slip(control.reference)
+            bound = advance_envelopes(
+                self._a2, self._b, realised, self._bars, self._layer, self._k1, self._last.dt_s
+            )
+            self._bound_exceeded += bool((errors > bound + _ROUNDING).any())
+        self._error_max = np.maximum(self._error_max, errors.max(axis=1))
 
     def summary(self) -> dict[str, float | int | bool]:
         """Figures of everything so far: m and m/s for the linear part, rad and rad/s for the angular one.
@@ -140,13 +139,13 @@ class DisturbanceMonitor:
         certificate's assumption failed). ``bound_exceeded``: control periods with an error outside the
         envelope (4-27) plus what the realised disturbance explains.
         """
-        linear, angular = (np.concatenate(x) if x else np.zeros(1) for x in self._norms)
+        linear, angular = np.concatenate(self._norms, axis=1) if self._norms else np.zeros((2, 1))
         figures: dict[str, float | int | bool] = {
-            "max_error": self._error_max[0],
-            "max_error_rad": self._error_max[1],
+            "max_error": float(self._error_max[0]),
+            "max_error_rad": float(self._error_max[1]),
             "bound_exceeded": self._bound_exceeded,
-            "d_bar": self._bars[0],
-            "d_bar_radps": self._bars[1],
+            "d_bar": float(self._bars[0]),
+            "d_bar_radps": float(self._bars[1]),
             "disturbance_exceeded": self._exceeded,
             "assumption_void": self._exceeded > 0,
         }

@@ -1,0 +1,90 @@
+"""The monitor's arithmetic for one control period of N agents, compiled; `camnet.control.monitor` explains it.
+
+Rows of two-row arrays are the linear (m, m/s) and the angular part (rad, rad/s).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from camnet.geometry.rotations_compiled import conjugate, log, multiply, rotate
+from camnet.types import Array
+
+__all__ = ["advance_envelopes", "realised_disturbance", "row_norms", "without_slip"]
+
+
+@njit(cache=True)
+def _norm(x: float, y: float, z: float) -> float:
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@njit(cache=True)
+def realised_disturbance(
+    p0: Array, q0: Array, p1: Array, q1: Array, u_l: Array, u_a: Array, dt: float, out: Array
+) -> Array:
+    """Mean disturbance of N cameras over a period, into ``out`` (N,6), and its norms (2,N).
+
+    ``d = motion - command``: (p1 - p0)/dt - u_l, and the constant rate that turns q0 into q1 less u_a.
+    """
+    n = p0.shape[0]
+    norms = np.empty((2, n))
+    for i in range(n):
+        turn = log(multiply(conjugate(q0[i]), q1[i]))
+        for k in range(3):
+            out[i, k] = (p1[i, k] - p0[i, k]) / dt - u_l[i, k]
+            out[i, 3 + k] = turn[k] / dt - u_a[i, k]
+        norms[0, i] = _norm(out[i, 0], out[i, 1], out[i, 2])
+        norms[1, i] = _norm(out[i, 3], out[i, 4], out[i, 5])
+    return norms
+
+
+@njit(cache=True)
+def without_slip(
+    d: Array,
+    q0: Array,
+    p_then: Array,
+    q_then: Array,
+    v_then: Array,
+    w_then: Array,
+    p_now: Array,
+    q_now: Array,
+    dt: float,
+) -> Array:
+    """Norms (2,N) of ``d`` (N,6) less what the reference moved beyond its held velocity in the period."""
+    n = d.shape[0]
+    norms = np.empty((2, n))
+    for i in range(n):
+        slip_l = (p_now[i] - p_then[i]) / dt - v_then[i]
+        slip = log(multiply(conjugate(q_then[i]), q_now[i])) / dt - w_then[i]
+        slip_a = rotate(multiply(conjugate(q0[i]), q_then[i]), slip)  # into the camera's frame
+        norms[0, i] = _norm(d[i, 0] - slip_l[0], d[i, 1] - slip_l[1], d[i, 2] - slip_l[2])
+        norms[1, i] = _norm(d[i, 3] - slip_a[0], d[i, 4] - slip_a[1], d[i, 5] - slip_a[2])
+    return norms
+
+
+@njit(cache=True)
+def advance_envelopes(
+    a2: Array, b: Array, d: Array, d_bar: Array, layer: Array, k1: float, h: float
+) -> Array:
+    """Move the envelopes' parts ``a2``, ``b`` (2,N) on by a period with norms ``d`` (2,N); the bounds (2,N)."""
+    bound = np.empty_like(a2)
+    fade, fade2 = math.exp(-k1 * h), math.exp(-2.0 * k1 * h)
+    for row in range(2):
+        for i in range(a2.shape[1]):
+            held = 0.5 * h * (d[row, i] + math.sqrt(3.0) * d_bar[row]) ** 2
+            a2[row, i] = a2[row, i] * fade2 + 2.0 * h * (layer[row] + held)
+            b[row, i] = b[row, i] * fade + h * max(d[row, i] - d_bar[row], 0.0)
+            bound[row, i] = math.sqrt(a2[row, i]) + b[row, i]
+    return bound
+
+
+@njit(cache=True)
+def row_norms(v: Array) -> Array:
+    """Norms (N,) of the rows of ``v`` (N,3)."""
+    out = np.empty(v.shape[0])
+    for i in range(v.shape[0]):
+        out[i] = _norm(v[i, 0], v[i, 1], v[i, 2])
+    return out
