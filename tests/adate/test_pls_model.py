@@ -115,7 +115,9 @@ def test_linear_form_reproduces_the_flow_to_first_order_in_the_turn():
 
 def test_process_covariance_matches_monte_carlo():
     count = 40_000
-    model = PowerLimitedSteering(power_density=1e-5, steering_density=(4e-6, 2e-6, 8e-6), velocity_density=1e-14)
+    model = PowerLimitedSteering(
+        power_density=1e-5, steering_density=(4e-6, 2e-6, 8e-6), velocity_density=1e-14
+    )
     rng = np.random.default_rng(5)
     for s in (
         np.array([0, 0, 0, 1.0, 0.3, 0.2, 0.41, 0.05, -0.1, 0.03]),

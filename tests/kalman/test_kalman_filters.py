@@ -93,7 +93,9 @@ def test_extended_prediction_is_the_linearised_flow(model):
 
 @pytest.mark.parametrize("model", [PowerLimitedSteering(), ConstantTurn()])
 def test_unscented_prediction_equals_a_plain_sigma_point_sum(model):
-    est = UnscentedKalmanFilter(model, dt_s=0.5, mean=MOVING, covariance=SPREAD, alpha=0.9, beta=2.0, kappa=0.5)
+    est = UnscentedKalmanFilter(
+        model, dt_s=0.5, mean=MOVING, covariance=SPREAD, alpha=0.9, beta=2.0, kappa=0.5
+    )
     est.update(*NOTHING)
     est.update(*NOTHING)
     n, alpha, beta, kappa = 10, 0.9, 2.0, 0.5
@@ -182,7 +184,9 @@ def test_stone_soup_agrees():
         detection = Detection(z[:, None], timestamp=predicted.timestamp, measurement_model=sensor)
         state = KalmanUpdater(sensor).update(SingleHypothesis(predicted, detection))
         ours.update(z[None], r[None])
-        np.testing.assert_allclose(ours.causal_state[order], np.asarray(state.state_vector).ravel(), atol=1e-9)
+        np.testing.assert_allclose(
+            ours.causal_state[order], np.asarray(state.state_vector).ravel(), atol=1e-9
+        )
         np.testing.assert_allclose(ours.covariance[np.ix_(order, order)], state.covar, atol=1e-9)
 
 

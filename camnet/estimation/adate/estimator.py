@@ -202,9 +202,9 @@ class AdaptiveTrajectoryEstimator:
         """
         obs, cov = check_observations(observations, covariances)
         ids = _names(observers, len(obs))
-        self._append(obs, cov, ids)
         if self.steps == 0 and not len(obs):
             raise DataError("observations: the first update must hold at least one observation to start from")
+        self._append(obs, cov, ids)
         if self.steps == 0:
             self._begin()
         self.steps += 1

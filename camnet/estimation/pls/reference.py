@@ -48,12 +48,12 @@ def derivative(s: Array, tau_s: float, alpha: float, beta: float) -> Array:
 def simulate(
     model: PowerLimitedSteering, s: Array, tau_s: float, count: int, substeps: int, rng: np.random.Generator
 ) -> Array:
-    """Draw ``count`` end states (count,10) of the stochastic system (14) by Euler-Maruyama with Heun's drift.
+    """Draw ``count`` end states (count,10) of the stochastic system (14) by Heun's method, from ``s`` (10,) or (count,10).
 
     Bodies must not come near rest: the drift is singular there.
     """
     dt = tau_s / substeps
-    y = np.tile(s, (count, 1))
+    y = np.array(np.broadcast_to(s, (count, 10)))
     steering = np.broadcast_to(np.asarray(model.steering_density), (3,))
 
     def drift(z: Array) -> Array:
