@@ -10,7 +10,7 @@ from numba import njit
 from camnet.geometry.rotations_compiled import multiply, rotate, rotate_inverse
 from camnet.types import Array
 
-__all__ = ["body_motion", "camera_motion"]
+__all__ = ["body_motion", "camera_motion", "first_unsound"]
 
 
 @njit(cache=True)
@@ -52,6 +52,22 @@ def camera_motion(bodies: Array, memory: Array, offset_body: Array) -> Array:
         for i in range(3):
             out[n, i] = body[i] + arm[i]
     return out
+
+
+@njit(cache=True)
+def first_unsound(bodies: Array, start_p: Array, range_m: float, speed_mps: float) -> int:
+    """Index of the first body (N,13) that is not finite, too far from its start (N,3) or too fast; -1 if none is.
+
+    Distances and speeds are judged component by component.
+    """
+    for n in range(bodies.shape[0]):
+        for k in range(13):
+            if not np.isfinite(bodies[n, k]):
+                return n
+        for k in range(3):
+            if abs(bodies[n, k] - start_p[n, k]) >= range_m or abs(bodies[n, 7 + k]) >= speed_mps:
+                return n
+    return -1
 
 
 @njit(cache=True)

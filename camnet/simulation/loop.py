@@ -21,7 +21,6 @@ from camnet.control.sliding_mode import SlidingModeController
 from camnet.errors import ConfigError
 from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import Rollout, TargetFilter
-from camnet.geometry.regions import BoxRegion
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.visibility import VisibilityTest
 from camnet.simulation.certificates import network_certificates
@@ -67,9 +66,6 @@ class NetworkSimulation:
             [target.features_m for target in network.description.targets],
             [*network.regions[: network.n_agents], *(None for _ in scenario.fixed_cameras)],
         )
-        own = network.regions[: network.n_agents]
-        self._region_boxes = np.array([region.bounds for region in own]).reshape(-1, 2, 3).swapaxes(0, 1)
-        self._not_boxes = [j for j, region in enumerate(own) if not isinstance(region, BoxRegion)]
         self._rays_clear = world.rays_clear if network.can_occlude else None
         self._certificates = network_certificates(network)
         self.reset(seed)
@@ -177,9 +173,8 @@ class NetworkSimulation:
             self.gaps[m].unseen(now, filters)
 
     def _locate_targets(self) -> None:
-        self.target_region[:] = -1
-        for j, region in enumerate(self.network.regions):
-            self.target_region[region.contains(self.snapshot.target_p_world)] = j
+        inside = self.network.containment(self.snapshot.target_p_world)
+        self.target_region = np.where(inside.any(axis=1), inside.argmax(axis=1), -1)
 
     def seen_by(self, m: int) -> int:
         """Index of a camera that truly sees target ``m`` (-1: none)."""
@@ -188,12 +183,7 @@ class NetworkSimulation:
 
     def agents_outside(self) -> BoolArray:
         """Which agents (N,) are outside their operating regions."""
-        p_world = self.snapshot.agent_p_world
-        low, high = self._region_boxes
-        outside: BoolArray = np.asarray(((p_world < low) | (p_world > high)).any(axis=1))
-        for j in self._not_boxes:
-            outside[j] = not self.network.regions[j].contains(p_world[j])
-        return outside
+        return np.asarray(~np.diagonal(self.network.containment(self.snapshot.agent_p_world)))
 
     def excited(self, m: int, region: int) -> bool:
         """Whether finite excitation holds for the driving model of target ``m`` in ``region``."""

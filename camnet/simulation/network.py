@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from camnet.importers.tracks import load_tracks, only_track
 from camnet.motion.factory import build_motion
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.settings import TargetSettings, TrackTarget
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, TargetSpec, WorldDescription
 
 _CONVEX = (BoxRegion, CylinderRegion, PolytopeRegion)
@@ -53,6 +54,23 @@ class Network:
     def n_agents(self) -> int:
         """Number of mobile cameras."""
         return len(self.scenario.agents)
+
+    def containment(self, points: Array) -> BoolArray:
+        """Whether points (K,3) lie in the regions, (K,C)."""
+        low, high = self._boxes
+        inside: BoolArray = np.asarray(((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2))
+        for j in self._not_boxes:  # the bounding box alone does not decide
+            inside[:, j] &= self.regions[j].contains(points)
+        return inside
+
+    @cached_property
+    def _boxes(self) -> tuple[Array, Array]:
+        bounds = np.array([region.bounds for region in self.regions])
+        return bounds[:, 0], bounds[:, 1]
+
+    @cached_property
+    def _not_boxes(self) -> tuple[int, ...]:
+        return tuple(j for j, region in enumerate(self.regions) if not isinstance(region, BoxRegion))
 
     @property
     def can_occlude(self) -> bool:

@@ -103,7 +103,7 @@ def decide(simulation: NetworkSimulation) -> list[Task]:
     estimates = [f.estimate for f in simulation.driving]
     regions = simulation.network.regions[: simulation.network.n_agents]
     points = np.array([e.p_world for e in estimates])
-    inside = np.array([r.contains(points) for r in regions]).reshape(len(regions), len(points)).T
+    inside = simulation.network.containment(points)[:, : len(regions)]
     inside &= np.array([np.isfinite(e.last_seen_s) for e in estimates])[:, None]
     limits = np.array([np.ptp(r.bounds, axis=0)[:2].min() / 2 for r in regions])
     return assign(estimates, simulation.entries(), inside, simulation.visible[: len(regions)], limits)

@@ -22,7 +22,13 @@ ORIGIN, UPRIGHT = np.zeros(3), np.array([-1.0, 0.0, 0.0, 0.0])  # the other sign
 
 def test_rows_are_root_mean_squares_of_their_own_samples() -> None:
     record = ErrorRecord()
-    for lap, seen, offset in ((1, True, 0.1), (1, False, 3.0), (2, False, 100.0), (3, False, 1.0), (4, False, 7.0)):
+    for lap, seen, offset in (
+        (1, True, 0.1),
+        (1, False, 3.0),
+        (2, False, 100.0),
+        (3, False, 1.0),
+        (4, False, 7.0),
+    ):
         record.add(lap, seen, estimate(offset, angle=0.2), ORIGIN, UPRIGHT)
     rows = record.summary()
     assert rows["position_rmse_m"]["seen"] == pytest.approx(0.1)

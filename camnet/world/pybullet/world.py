@@ -8,7 +8,7 @@ import numpy as np
 import pybullet as pb
 from numpy.typing import NDArray
 
-from camnet.control.camera_kernel import body_motion, camera_motion
+from camnet.control.camera_kernel import body_motion, camera_motion, first_unsound
 from camnet.errors import SimulationError, WorldError
 from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
 from camnet.types import Array, BoolArray, Snapshot
@@ -115,12 +115,9 @@ class PyBulletWorld:
     def _check_state(self, bodies: Array) -> None:
         """Raise when a body is not finite, too fast or too far; one cheap test while all is well."""
         limits = self.description.physics
-        distance, speed = np.abs(bodies[:, :3] - self._start_p), np.abs(bodies[:, 7:10])
-        good = (distance < limits.range_limit_m) & (speed < limits.speed_limit_mps)
-        if good.all() and np.isfinite(bodies).all():
+        k = first_unsound(bodies, self._start_p, limits.range_limit_m, limits.speed_limit_mps)
+        if k < 0:
             return
-        bad = ~(good.all(axis=1) & np.isfinite(bodies).all(axis=1))
-        k = int(np.nonzero(bad)[0][0])
         raise SimulationError(
             f"step {self._step}: agent {self.agent_names[k]!r} diverged: position {bodies[k, :3]} m, "
             f"velocity {bodies[k, 7:10]} m/s (limits: {limits.range_limit_m:g} m from the start, "
@@ -148,11 +145,18 @@ class PyBulletWorld:
             return self._kinematic.camera
         return np.asarray(camera_motion(self._flight.bodies, self._flight.memory, self._offset))
 
+    def _all_cameras(self) -> Array:
+        """Pose and velocity (C,13) of the agents' cameras and of the fixed ones, which rest."""
+        moving = self._cameras()
+        if not len(self._fixed_p):
+            return moving
+        fixed = np.hstack([self._fixed_p, self._fixed_q, np.zeros((len(self._fixed_p), 6))])
+        return np.concatenate([moving, fixed])
+
     def _observe(self, collisions: tuple[tuple[str, str], ...]) -> Snapshot:
         actuation = self._kinematic if self._is_kinematic else self._flight
         bodies = body_motion(actuation.bodies)
-        cameras, fixed = self._cameras(), np.zeros((len(self._fixed_p), 3))
-        states = self._targets
+        cameras, states = self._all_cameras(), self._targets
         self._snapshot = Snapshot(
             t_s=self._t_s,
             step=self._step,
@@ -160,10 +164,10 @@ class PyBulletWorld:
             agent_q_world=bodies[:, 3:7],
             agent_v_world=bodies[:, 7:10],
             agent_w_body=bodies[:, 10:13],
-            camera_p_world=np.concatenate([cameras[:, :3], self._fixed_p]),
-            camera_q_world=np.concatenate([cameras[:, 3:7], self._fixed_q]),
-            camera_v_world=np.concatenate([cameras[:, 7:10], fixed]),
-            camera_w_cam=np.concatenate([cameras[:, 10:13], fixed]),
+            camera_p_world=cameras[:, :3],
+            camera_q_world=cameras[:, 3:7],
+            camera_v_world=cameras[:, 7:10],
+            camera_w_cam=cameras[:, 10:13],
             target_p_world=_stack([s.p_world for s in states], 3),
             target_q_world=_stack([s.q_world for s in states], 4),
             target_v_world=_stack([s.v_world for s in states], 3),
