@@ -33,6 +33,7 @@ from numba import njit
 from camnet.estimation.projection import project_step
 from camnet.estimation.propagate import COLUMNS
 from camnet.estimation.selection import DOptimalRule, SelectionRule, SmallestEigenvalueRule, rank_one
+from camnet.estimation.selection_secular import SecularEigenvalueRule
 from camnet.estimation.settings import EstimatorSettings, StackSettings
 from camnet.estimation.stack import Change, HistoryStack
 from camnet.geometry.rotations_compiled import align_sign, normalise
@@ -149,6 +150,8 @@ def implicit_step(
 def make_rule(settings: StackSettings, kernels: int) -> SelectionRule:
     """Return the selection rule that the settings name."""
     if settings.rule == "lambda_min":
+        return SecularEigenvalueRule(settings.size, kernels, settings.regularisation)
+    if settings.rule == "lambda_min_naive":
         return SmallestEigenvalueRule()
     return DOptimalRule(settings.size, kernels, settings.regularisation)
 

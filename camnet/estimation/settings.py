@@ -32,6 +32,8 @@ class BasisSettings(Settings):
 class StackSettings(Settings):
     """History stack: ``size`` windows of ``window_s``; ``rule`` chooses which to keep.
 
+    ``lambda_min`` is the printed rule in one eigendecomposition, with ``d_optimal`` in its place where the smallest
+    eigenvalue is below rounding; ``lambda_min_naive`` is the printed rule by brute force.
     Each end of a window is the mean of ``average`` poses: the mean of that many windows, each shifted by one sample,
     is a window equation itself, and its noise is smaller. ``outlier_gate`` is in standard deviations of the recent
     window residuals.
@@ -40,7 +42,7 @@ class StackSettings(Settings):
     size: Annotated[int, Field(gt=0)] = 600
     window_s: Positive = 0.4
     average: Annotated[int, Field(gt=0)] = 4
-    rule: Literal["lambda_min", "d_optimal"] = "d_optimal"
+    rule: Literal["lambda_min", "lambda_min_naive", "d_optimal"] = "d_optimal"
     excitation_threshold: Positive = 1e-3
     regularisation: Positive = 1e-3
     outlier_gate: Positive = 6.0
