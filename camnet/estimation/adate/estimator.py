@@ -75,8 +75,10 @@ def _largest_defect(n: int, s: Array, nxt: Array, q: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _mix(n: int, power: float, steer: float, q_power: Array, q_steer: Array, q_iso: Array, q: Array) -> None:
-    for i in range(n - 1):
+def _mix(
+    first: int, n: int, power: float, steer: float, q_power: Array, q_steer: Array, q_iso: Array, q: Array
+) -> None:
+    for i in range(first, n - 1):
         for a in range(10):
             for b in range(10):
                 q[i, a, b] = power * q_power[i, a, b] + steer * q_steer[i, a, b] + q_iso[i, a, b]
@@ -130,7 +132,7 @@ class AdaptiveTrajectoryEstimator:
             [a.drift_span, a.drift_gate, a.outlier_gate, a.memory_s, a.student_dof, a.scale_memory],
             dtype=float,
         )
-        self._score = np.zeros(4)
+        self._keep_q = False
 
     # ---------------------------------------------------------------- what is known
 
@@ -304,7 +306,7 @@ class AdaptiveTrajectoryEstimator:
 
     def _smooth_linearly(self) -> None:
         w = self._win
-        self._rest = True
+        self._rest, self._keep_q = True, False
         self._linearise()
         self._pass()
         w.s[:] += w.d
@@ -320,7 +322,8 @@ class AdaptiveTrajectoryEstimator:
     def _linearise(self) -> None:
         w = self._win
         _linearise(w.n, self._par, w.s, w.tau, self._rest, w.nxt, w.jac, w.q_power, w.q_steer, w.q_iso)
-        _mix(w.n, self.power_scale, self.steering_scale, w.q_power, w.q_steer, w.q_iso, w.q)
+        first = w.n - 2 if self._keep_q else 0  # (35) keeps what it adapted
+        _mix(first, w.n, self.power_scale, self.steering_scale, w.q_power, w.q_steer, w.q_iso, w.q)
 
     def _defect(self) -> float:
         """Largest squared transition error of the window in units of its variances (inf when not finite)."""
@@ -391,6 +394,7 @@ class AdaptiveTrajectoryEstimator:
                     setattr(self, name, math.exp(min(max(log, -top), top)))
         elif a.process == "fading":
             fade(w.n, w.s, w.nxt, w.q, w.tau, a.memory_s)
+            self._keep_q = not self._rest
         row = w.n - 1 - a.process_lag
         if a.learn_scale and row >= 0 and not self._rest:
             learn_scale(
