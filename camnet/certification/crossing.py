@@ -21,7 +21,7 @@ import numpy as np
 from camnet.certification.reachable import PlanarView, Reach
 from camnet.types import Array
 
-__all__ = ["Crossing", "MobileAgent", "certify_crossing", "certify_meeting"]
+__all__ = ["Crossing", "MobileAgent", "RegionAgent", "certify_crossing", "certify_meeting", "meeting"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +50,47 @@ class Crossing:
 
 @dataclass(frozen=True, eq=False)
 class MobileAgent:
-    """A mobile camera: position (2,) when the target is lost, top speed, disturbance bound, footprint radius R."""
+    """A mobile camera: position (2,) when the target is lost, top speed, disturbance bound, footprint radius R.
+
+    ``ramp_s`` is added for gathering and losing speed.
+    """
 
     position: Array
     speed_mps: float
     disturbance_mps: float
     footprint_m: float
+    ramp_s: float = 0.0
 
     def ready_s(self, point: Array) -> float:
         """Return when the agent can be at a point for certain, s."""
         net = self.speed_mps - self.disturbance_mps
         away = float(np.linalg.norm(point - self.position))
-        return away / net if net > 0.0 else (0.0 if away == 0.0 else math.inf)
+        if away == 0.0:
+            return 0.0
+        return away / net + self.ramp_s if net > 0.0 else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class RegionAgent:
+    """A mobile camera that may be anywhere in its region when the target is lost elsewhere.
+
+    ``outline`` (K, 2) are the region's corners; the rest as in ``MobileAgent``. The extent of the target is taken
+    off ``footprint_m`` already.
+    """
+
+    outline: Array
+    speed_mps: float
+    disturbance_mps: float
+    footprint_m: float
+    ramp_s: float = 0.0
+
+    def farthest_from(self, point: Array) -> MobileAgent:
+        """Return the agent at the corner of its region that is farthest from a point (2,)."""
+        away = np.linalg.norm(self.outline - point, axis=1)
+        corner = self.outline[int(np.argmax(away))]
+        return MobileAgent(
+            corner, self.speed_mps, self.disturbance_mps, self.footprint_m, self.ramp_s
+        )
 
 
 def certify_crossing(
@@ -161,3 +190,29 @@ def certify_meeting(
         if (found.verdict == "certified", found.margin_m) > (best.verdict == "certified", best.margin_m):
             best = found
     return best
+
+
+def meeting(reach: Reach, into: Crossing, agents: Sequence[RegionAgent], off_max_s: float) -> Crossing:
+    """Add the agent's constraints to a crossing into a region: once the ball is wholly inside, it has to be there.
+
+    Parameters
+    ----------
+    reach : target class at the exit
+    into : verdict of ``certify_crossing`` with the regions as views
+    agents : one for each region, their footprints less the target's extent
+    off_max_s : dwell time out of view
+    """
+    if into.verdict != "certified":
+        return into
+    agent = agents[into.view].farthest_from(reach.disc(into.time_s)[0])
+    met = certify_meeting(reach, [agent], into.time_s, off_max_s, 0.0)
+    binding = met.binding if met.margin_m < into.margin_m or met.margin_s < into.margin_s else into.binding
+    return Crossing(
+        met.verdict,
+        into.view,
+        met.time_s,
+        min(into.margin_m, met.margin_m),
+        min(into.margin_s, met.margin_s),
+        binding,
+        into.earliest_s,
+    )

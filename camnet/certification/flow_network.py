@@ -9,6 +9,9 @@ r"""The ``learned`` certificate of fixed cameras for a target that follows a lea
 The exits beside the predicted one are covered by samples at most ``cover_m`` apart; a tube that starts at a sample with
 e(0) + cover/2 holds every target that leaves near it, because its true position is within e(0) of its estimate and
 its estimate within cover/2 of a sample. A transition is certified when each of its tubes is inside one view in time.
+Every view may have a model of its own: what was learned while the target was there, and of the gap behind it.
+Mobile cameras: the views are operating regions, and the agent of the next one has to be at the prediction, with the
+ball inside its footprint, once the ball is wholly in its region (``meeting``).
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from camnet.certification.crossing import Crossing, certify_crossing
+from camnet.certification.crossing import Crossing, RegionAgent, certify_crossing, meeting
 from camnet.certification.free_network import GroundView
 from camnet.certification.growth import PlanarField, error_tube, largest_model_error
 from camnet.certification.reachable import TubeReach
@@ -60,19 +63,27 @@ class FlowExit:
 
 
 def flow_exits(
-    field: PlanarField, ground: Sequence[GroundView], start: Array, duration_s: float, step_s: float = 0.05
+    field: PlanarField | Sequence[PlanarField],
+    ground: Sequence[GroundView],
+    start: Array,
+    duration_s: float,
+    step_s: float = 0.05,
 ) -> list[FlowExit]:
     """Follow the learned flow and list its exits, each once even if the flow comes round again.
+
+    With one field per view, the flow follows the field of the view that it was in last (at first: the nearest).
 
     Raises
     ------
     CertificateError
         if the flow stops: a field without data beyond the views predicts that the target stands still.
     """
+    fields = _per_view(field, ground)
     p, inside = np.asarray(start, dtype=float), -1
     exits: list[FlowExit] = []
+    latest = fields[int(np.argmax([g.view.depth(p) for g in ground]))]
     for _ in range(math.ceil(duration_s / step_s)):
-        velocity = field.velocity(p)
+        velocity = latest.velocity(p)
         speed = float(np.linalg.norm(velocity))
         if speed < 1e-3:
             raise CertificateError(
@@ -89,13 +100,22 @@ def flow_exits(
             inside = -1
         if inside < 0 and here:
             inside = here[0]
-        middle = field.velocity(p + 0.5 * step_s * velocity)
+            latest = fields[inside]
+        middle = latest.velocity(p + 0.5 * step_s * velocity)
         p = p + step_s * middle
     return exits
 
 
+def _per_view(field: PlanarField | Sequence[PlanarField], ground: Sequence[GroundView]) -> list[PlanarField]:
+    if isinstance(field, PlanarField):
+        return [field] * len(ground)
+    if len(field) != len(ground):
+        raise CertificateError(f"{len(field)} learned fields for {len(ground)} views: give one, or one for each")
+    return list(field)
+
+
 def certify_flow(
-    field: PlanarField,
+    field: PlanarField | Sequence[PlanarField],
     ground: Sequence[GroundView],
     target: FlowTargetClass,
     start: Array,
@@ -105,13 +125,14 @@ def certify_flow(
     step_s: float = 0.2,
     cover_m: float = 0.1,
     find_largest: bool = True,
+    agents: Sequence[RegionAgent] | None = None,
 ) -> dict[str, object]:
     """Certify every exit of the learned flow and return the report as plain data for JSON.
 
     Parameters
     ----------
-    field : learned velocity field
-    ground : views on the ground, shrunk by the target's extent
+    field : learned velocity field, or one for each view
+    ground : views on the ground, shrunk by the target's extent; mobile cameras: their regions
     target : class of the targets
     start : (2,) a point on the flow, m
     duration_s : how long to follow it
@@ -119,18 +140,22 @@ def certify_flow(
     step_s : of the tubes
     cover_m : distance between samples across an exit
     find_largest : also find the largest model error that each transition tolerates
+    agents : mobile cameras, one for each region
     """
-    exits = flow_exits(field, ground, start, duration_s)
-    settings = (off_max_s, on_min_s, step_s, cover_m)
+    fields = _per_view(field, ground)
+    exits = flow_exits(fields, ground, start, duration_s)
+    settings = _Settings(off_max_s, on_min_s, step_s, cover_m, agents)
     transitions = []
     for leave in exits:
-        crossing = _worst(field, ground, target, target.model_error_mps, leave, *settings)
-        transitions.append(_entry(field, ground, target, leave, crossing, settings, find_largest))
+        crossing = _worst(fields[leave.view], ground, target, target.model_error_mps, leave, settings)
+        transitions.append(
+            _entry(fields[leave.view], ground, target, leave, crossing, settings, find_largest)
+        )
     good = [t["learned"]["verdict"] == "certified" for t in transitions]  # type: ignore[index]
     whole = "certified" if good and all(good) else "not certified"
     reason = f"{sum(good)} of {len(good)} exits of the learned flow are certified"
     return {
-        "network": {"cameras": len(ground), "regions": 0},
+        "network": {"cameras": len(ground), "regions": 0 if agents is None else len(ground)},
         "target_class": f"vector field, at most {target.v_max_mps:g} m/s, model error {target.model_error_mps:g} m/s",
         "certificates": {"learned": {"verdict": whole, "reason": reason}},
         "transitions": transitions,
@@ -141,26 +166,34 @@ def certify_flow(
     }
 
 
+@dataclass(frozen=True, eq=False)
+class _Settings:
+    """What all transitions share: dwell times, step of the tubes, distance of samples, mobile cameras."""
+
+    off_max_s: float
+    on_min_s: float
+    step_s: float
+    cover_m: float
+    agents: Sequence[RegionAgent] | None
+
+
 def _worst(
     field: PlanarField,
     ground: Sequence[GroundView],
     target: FlowTargetClass,
     model_error_mps: float,
     leave: FlowExit,
-    off_max_s: float,
-    on_min_s: float,
-    step_s: float,
-    cover_m: float,
+    settings: _Settings,
 ) -> Crossing:
     """Return the worst verdict over the samples across an exit."""
     others = [g.view for g in ground]
     largest = max(g.radius_m for g in ground)
-    n = max(1, math.ceil(2.0 * target.spread_m / cover_m - 1e-9))
+    n = max(1, math.ceil(2.0 * target.spread_m / settings.cover_m - 1e-9))
     half = target.spread_m / n
     across = np.array([-leave.direction[1], leave.direction[0]])
     results = []
     for offset in np.linspace(-target.spread_m + half, target.spread_m - half, n):
-        horizon = off_max_s + on_min_s + step_s
+        horizon = settings.off_max_s + settings.on_min_s + settings.step_s
         tube = error_tube(
             field,
             leave.point + offset * across,
@@ -168,14 +201,18 @@ def _worst(
             model_error_mps,
             target.v_max_mps,
             horizon,
-            step_s,
+            settings.step_s,
             tolerance=1e-2,
             max_cells=600,
             stop_radius_m=largest,
         )
-        results.append(
-            certify_crossing(TubeReach(tube), others, tube.t_s, off_max_s, on_min_s, target.v_max_mps)
+        reach = TubeReach(tube)
+        result = certify_crossing(
+            reach, others, tube.t_s, settings.off_max_s, settings.on_min_s, target.v_max_mps
         )
+        if settings.agents is not None:
+            result = meeting(reach, result, settings.agents, settings.off_max_s)
+        results.append(result)
         if results[-1].verdict != "certified":
             return results[-1]
     return min(results, key=lambda r: r.margin_m)
@@ -187,7 +224,7 @@ def _entry(
     target: FlowTargetClass,
     leave: FlowExit,
     crossing: Crossing,
-    settings: tuple[float, float, float, float],
+    settings: _Settings,
     find_largest: bool,
 ) -> dict[str, object]:
     """Return one transition's entry of the report."""
@@ -199,8 +236,8 @@ def _entry(
         target.e0_m,
         target.model_error_mps,
         target.v_max_mps,
-        settings[0],
-        settings[2],
+        settings.off_max_s,
+        settings.step_s,
         tolerance=1e-2,
         max_cells=600,
         stop_radius_m=view.radius_m,
@@ -216,10 +253,11 @@ def _entry(
     }
     if find_largest:
         learned["largest_model_error_mps"] = largest_model_error(
-            lambda e_v: _worst(field, ground, target, e_v, leave, *settings).verdict == "certified",
+            lambda e_v: _worst(field, ground, target, e_v, leave, settings).verdict == "certified",
             target.v_max_mps,
             2e-3,
         )
+    learned["exit_m"] = leave.point.tolist()
     return {"from": ground[leave.view].name, "to": view.name, "gap_m": gap, "learned": learned}
 
 

@@ -15,6 +15,7 @@ from camnet.certification.network import (
     estimator_bounds,
     working_radius,
 )
+from camnet.estimation.concurrent_learning import LAYER_SHARE
 from camnet.geometry.frustum import Frustum
 from camnet.simulation.network import Network
 
@@ -56,7 +57,7 @@ def network_certificates(network: Network) -> DwellCertificates:
         window_s=estimator.stack.window_s,
         stack_size=estimator.stack.size,
         excitation=estimator.stack.excitation_threshold,
-        weight_bound=estimator.weight_bound,
+        weight_bound=estimator.weight_bound * (1.0 + LAYER_SHARE),  # outer radius of the projection
         kernel_spacing_m=estimator.basis.spacing_m,
         kernel_width_m=estimator.basis.width_m,
         v_max_mps=max(t.v_max_mps for t in network.scenario.targets),
