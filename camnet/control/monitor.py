@@ -27,18 +27,18 @@ the error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from camnet.control.monitor_kernel import advance_envelopes, realised_disturbance, row_norms, without_slip
+from camnet.control.monitor_kernel import run_periods
 from camnet.control.settings import ControllerSettings
-from camnet.control.sliding_mode import CameraControl, Reference, switching_loss
+from camnet.control.sliding_mode import CameraControl, switching_loss
 from camnet.types import Array, Snapshot
 
 __all__ = ["DisturbanceMonitor", "envelope"]
 
 _ROUNDING = 1e-9
+#: control periods judged at a time
+_CHUNK = 256
 
 
 def envelope(t_s: Array, e0: float, k1: float, excess: float, layer_term: float) -> Array:
@@ -49,33 +49,6 @@ def envelope(t_s: Array, e0: float, k1: float, excess: float, layer_term: float)
     decay = np.exp(-k1 * np.asarray(t_s, dtype=float))
     smooth = np.sqrt(e0**2 * decay**2 + layer_term / k1 * (1.0 - decay**2))  # (4-27) and the layer
     return np.asarray(smooth + excess / k1 * (1.0 - decay))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Period:
-    """One control period: length, disturbance (N,6), camera orientations (N,4) and reference at its start."""
-
-    dt_s: float
-    d: Array
-    q0: Array
-    reference: Reference
-
-    def without_slip(self, now: Reference) -> Array:
-        """Norms (2,N) of the disturbance less what the reference moved beyond its held velocity."""
-        then = self.reference
-        return np.asarray(
-            without_slip(
-                self.d,
-                self.q0,
-                then.p_world,
-                then.q_world,
-                then.v_world,
-                then.w_cam,
-                now.p_world,
-                now.q_world,
-                self.dt_s,
-            )
-        )
 
 
 class DisturbanceMonitor:
@@ -92,45 +65,59 @@ class DisturbanceMonitor:
         self._bars = np.array([settings.d_bar_mps, settings.d_bar_radps])
         self._layer = 3.0 * switching_loss(settings.switching, settings.boundary_layer) * self._bars
         self._a2, self._b = np.zeros((2, n_agents)), np.zeros((2, n_agents))
+        self._last = np.zeros((n_agents, 24))
         self._norms: list[Array] = []
         self._error_max = np.zeros(2)
-        self._exceeded = self._bound_exceeded = 0
-        self._last: _Period | None = None
+        self._exceeded = self._bound_exceeded = self._count = 0
+        self._dt = np.empty(_CHUNK)
+        self._truth, self._reference = np.empty((_CHUNK, n_agents, 14)), np.empty((_CHUNK, n_agents, 13))
+        self._command, self._error = np.empty((_CHUNK, n_agents, 6)), np.empty((_CHUNK, n_agents, 6))
 
     def update(self, before: Snapshot, after: Snapshot, control: CameraControl) -> None:
-        """Take one control period: the truth at its two ends and the command between them."""
-        n = self._n
+        """Take one control period: the truth at its two ends and the command between them.
+
+        Periods are collected and judged many at a time.
+        """
+        n, k = self._n, self._count
         if n == 0:
             return
-        dt = after.t_s - before.t_s
-        q0, d = before.camera_q_world[:n], np.empty((n, 6))
-        norms = realised_disturbance(
-            before.camera_p_world[:n],
-            q0,
-            after.camera_p_world[:n],
-            after.camera_q_world[:n],
-            control.v_world,
-            control.w_cam,
-            dt,
-            d,
-        )
-        self._judge(control)
-        self._norms.append(norms)
-        self._exceeded += bool((norms > self._bars[:, None]).any())
-        self._last = _Period(dt, d, q0, control.reference)
+        truth, reference, now = self._truth[k], self._reference[k], control.reference
+        self._dt[k] = after.t_s - before.t_s
+        truth[:, :3], truth[:, 3:7] = before.camera_p_world[:n], before.camera_q_world[:n]
+        truth[:, 7:10], truth[:, 10:] = after.camera_p_world[:n], after.camera_q_world[:n]
+        self._command[k, :, :3], self._command[k, :, 3:] = control.v_world, control.w_cam
+        self._error[k, :, :3], self._error[k, :, 3:] = control.e_linear, control.e_angular
+        reference[:, :3], reference[:, 3:7] = now.p_world, now.q_world
+        reference[:, 7:10], reference[:, 10:] = now.v_world, now.w_cam
+        self._count += 1
+        if self._count == _CHUNK:
+            self._judge()
 
-    def _judge(self, control: CameraControl) -> None:
-        """Compare the errors at this instant with the envelopes, moved on over the period that ends here."""
-        errors = np.stack([row_norms(control.e_linear), row_norms(control.e_angular)])
-        if self._last is None:
-            self._a2 = errors**2
-        else:
-            realised = self._last.without_slip(control.reference)
-            bound = advance_envelopes(
-                self._a2, self._b, realised, self._bars, self._layer, self._k1, self._last.dt_s
-            )
-            self._bound_exceeded += bool((errors > bound + _ROUNDING).any())
-        self._error_max = np.maximum(self._error_max, errors.max(axis=1))
+    def _judge(self) -> None:
+        """Compare the errors of the collected periods with the envelopes."""
+        k, self._count = self._count, 0
+        if k == 0:
+            return
+        norms = np.empty((k, 2, self._n))
+        self._bound_exceeded += run_periods(
+            self._dt[:k],
+            self._truth[:k],
+            self._command[:k],
+            self._error[:k],
+            self._reference[:k],
+            self._last,
+            self._a2,
+            self._b,
+            self._bars,
+            self._layer,
+            self._k1,
+            _ROUNDING,
+            norms,
+        )
+        self._norms.append(norms)
+        self._exceeded += int((norms > self._bars[:, None]).any(axis=(1, 2)).sum())
+        errors = np.linalg.norm(self._error[:k].reshape(k, self._n, 2, 3), axis=3)
+        self._error_max = np.maximum(self._error_max, errors.max(axis=(0, 1)))
 
     def summary(self) -> dict[str, float | int | bool]:
         """Figures of everything so far: m and m/s for the linear part, rad and rad/s for the angular one.
@@ -139,7 +126,9 @@ class DisturbanceMonitor:
         certificate's assumption failed). ``bound_exceeded``: control periods with an error outside the
         envelope (4-27) plus what the realised disturbance explains.
         """
-        linear, angular = np.concatenate(self._norms, axis=1) if self._norms else np.zeros((2, 1))
+        self._judge()
+        norms = np.concatenate(self._norms) if self._norms else np.zeros((1, 2, 1))
+        linear, angular = norms[:, 0], norms[:, 1]
         figures: dict[str, float | int | bool] = {
             "max_error": float(self._error_max[0]),
             "max_error_rad": float(self._error_max[1]),

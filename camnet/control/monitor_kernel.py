@@ -13,7 +13,7 @@ from numba import njit
 from camnet.geometry.rotations_compiled import conjugate, log, multiply, rotate
 from camnet.types import Array
 
-__all__ = ["advance_envelopes", "realised_disturbance", "row_norms", "without_slip"]
+__all__ = ["advance_envelopes", "realised_disturbance", "row_norms", "run_periods", "without_slip"]
 
 
 @njit(cache=True)
@@ -88,3 +88,59 @@ def row_norms(v: Array) -> Array:
     for i in range(v.shape[0]):
         out[i] = _norm(v[i, 0], v[i, 1], v[i, 2])
     return out
+
+
+@njit(cache=True)
+def run_periods(
+    dt: Array,
+    truth: Array,
+    command: Array,
+    error: Array,
+    reference: Array,
+    last: Array,
+    a2: Array,
+    b: Array,
+    d_bar: Array,
+    layer: Array,
+    k1: float,
+    tolerance: float,
+    norms: Array,
+) -> int:
+    """Judge K periods of N cameras in their order; returns in how many an error was outside its envelope.
+
+    Parameters
+    ----------
+    dt : (K,) lengths, s
+    truth : (K,N,14) p0, q0, p1, q1
+    command, error : (K,N,6) u_l, u_a; e_l, e_a at the start of the period
+    reference : (K,N,13) p, q, v, w of the reference at the start
+    last : (N,24) what the next period needs of this one: d (6), q0 (4), reference (13), dt; dt = 0: no period yet
+    a2, b : (2,N) parts of the envelopes
+    norms : (K,2,N) receives the norms of the realised disturbance
+    """
+    n = truth.shape[1]
+    d, errors, outside = np.empty((n, 6)), np.empty((2, n)), 0
+    for k in range(dt.shape[0]):
+        t, u, e, r = truth[k], command[k], error[k], reference[k]
+        errors[0], errors[1] = row_norms(e[:, :3]), row_norms(e[:, 3:])
+        if last[0, 23] == 0.0:
+            a2[:] = errors**2
+        else:
+            realised = without_slip(
+                last[:, :6],
+                last[:, 6:10],
+                last[:, 10:13],
+                last[:, 13:17],
+                last[:, 17:20],
+                last[:, 20:23],
+                r[:, :3],
+                r[:, 3:7],
+                last[0, 23],
+            )
+            bound = advance_envelopes(a2, b, realised, d_bar, layer, k1, last[0, 23])
+            outside += np.any(errors > bound + tolerance)
+        norms[k] = realised_disturbance(
+            t[:, :3], t[:, 3:7], t[:, 7:10], t[:, 10:], u[:, :3], u[:, 3:], dt[k], d
+        )
+        last[:, :6], last[:, 6:10], last[:, 10:23], last[:, 23] = d, t[:, 3:7], r, dt[k]
+    return outside
