@@ -27,7 +27,9 @@ class Experiment:
 
 
 EXPERIMENTS = {
-    "adate-table": Experiment("camnet.experiments.adate_table", "AdaTE beside Kalman filters, six groups (li2019)", 20),
+    "adate-table": Experiment(
+        "camnet.experiments.adate_table", "AdaTE beside Kalman filters, six groups (li2019)", 20
+    ),
 }
 
 
@@ -40,9 +42,13 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         description=f"Run a published experiment again and set our figures beside the published ones.\n\n{listing}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("experiment", choices=EXPERIMENTS, metavar="EXPERIMENT", help="one of the names above")
+    parser.add_argument(
+        "experiment", choices=EXPERIMENTS, metavar="EXPERIMENT", help="one of the names above"
+    )
     parser.add_argument("--seeds", type=int, metavar="K", help="number of seeds, from --seed on")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of recorded inputs, where one is needed")
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", help="folder of recorded inputs, where one is needed"
+    )
     add_common(parser)
     parser.set_defaults(run=run)
 
@@ -56,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
     options: dict[str, Any] = {"seeds": seeds, "seed": args.seed or 0}
     if experiment.needs_data:
         if args.data is None or not args.data.is_dir():
-            raise ConfigError(f"--data {args.data}: {args.experiment} needs the folder of its recorded inputs")
+            raise ConfigError(
+                f"--data {args.data}: {args.experiment} needs the folder of its recorded inputs"
+            )
         options["data"] = args.data
     folder = choose_folder(args.out, f"reproduce-{args.experiment}", args.force)
     module = importlib.import_module(experiment.module)

@@ -87,7 +87,7 @@ def _print_figures(summary: dict[str, Any]) -> None:
     print(f"handoffs completed       {done['completed']:5d} of {done['attempted']}")
     print(f"reacquisition delay      {_number(delay['mean'])} s mean, {_number(delay['p95'])} s 95 %")
     print("position RMSE (m)            seen  unseen lap 1  unseen lap 3 on")
-    for name, row in {"learned": summary, **summary["baselines"]}.items():
+    for name, row in {summary["estimator_in_charge"]: summary, **summary["baselines"]}.items():
         rmse = row["position_rmse_m"]
         figures = f"{_number(rmse['seen'])}      {_number(rmse['unseen_first_lap'])}         {_number(rmse['unseen'])}"
         print(f"  {name:22s} {figures}")

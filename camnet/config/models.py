@@ -79,12 +79,20 @@ class HandoffSettings(Settings):
 
 
 class RunSettings(Settings):
-    """Length and rates of a run."""
+    """Length and rates of a run, and the estimators that run side by side on the same measurements.
+
+    The first estimator drives the agents. ``printed`` is the learned one without the remedies of the gap problem.
+    """
 
     duration_s: Positive = 300.0
     decision_hz: Positive = 10.0
     log_hz: Positive = 10.0
-    lap_s: Positive | None = None
+    estimators: Annotated[tuple[Literal["learned", "printed", "ekf", "ideal"], ...], Field(min_length=1)] = (
+        "learned",
+        "printed",
+        "ekf",
+        "ideal",
+    )
 
 
 class TrafficRegions(Settings):

@@ -69,6 +69,12 @@ class Network:
         return bounds[:, 0], bounds[:, 1]
 
     @cached_property
+    def half_widths(self) -> Array:
+        """Smaller horizontal half-size of every region's bounding box, (C,), m."""
+        low, high = self._boxes
+        return np.asarray(0.5 * (high - low)[:, :2].min(axis=1))
+
+    @cached_property
     def _not_boxes(self) -> tuple[int, ...]:
         return tuple(j for j, region in enumerate(self.regions) if not isinstance(region, BoxRegion))
 

@@ -12,7 +12,6 @@ import numpy as np
 from camnet.config.models import Scenario
 from camnet.control.setpoints import Setpoint, intercept, loiter, track
 from camnet.simulation.coordination import Role, Task, assign
-from camnet.simulation.filters import FILTERS
 from camnet.simulation.handoff import Handoff
 from camnet.simulation.log import RunLog
 from camnet.simulation.loop import NetworkSimulation, Setpoints
@@ -47,14 +46,17 @@ class RunResult:
     interrupted: bool
 
 
-def open_simulation(scenario: Scenario, seed: int, filters: tuple[str, ...] = FILTERS) -> NetworkSimulation:
+def open_simulation(
+    scenario: Scenario, seed: int, filters: tuple[str, ...] | None = None
+) -> NetworkSimulation:
     """Build network and world and put them at their start."""
     network = build_network(scenario)
-    return NetworkSimulation(network, PyBulletWorld(network.description), filters, seed)
+    chosen = scenario.run.estimators if filters is None else filters
+    return NetworkSimulation(network, PyBulletWorld(network.description), chosen, seed)
 
 
 def run_network(
-    scenario: Scenario, seed: int, filters: tuple[str, ...] = FILTERS, progress: Progress | None = None
+    scenario: Scenario, seed: int, filters: tuple[str, ...] | None = None, progress: Progress | None = None
 ) -> RunResult:
     """Simulate ``scenario`` for its duration under the built-in handoff rule.
 
@@ -105,7 +107,7 @@ def decide(simulation: NetworkSimulation) -> list[Task]:
     points = np.array([e.p_world for e in estimates])
     inside = simulation.network.containment(points)[:, : len(regions)]
     inside &= np.array([np.isfinite(e.last_seen_s) for e in estimates])[:, None]
-    limits = np.array([np.ptp(r.bounds, axis=0)[:2].min() / 2 for r in regions])
+    limits = simulation.network.half_widths[: len(regions)]
     return assign(estimates, simulation.entries(), inside, simulation.visible[: len(regions)], limits)
 
 

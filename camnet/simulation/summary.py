@@ -22,6 +22,7 @@ def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -
     statistics, simulated_s = simulation.statistics, simulation.snapshot.t_s
     return {
         **statistics.episode(simulation),
+        "estimator_in_charge": simulation.filter_names[0],
         "baselines": statistics.baselines(simulation),
         "dwell": _dwell(simulation),
         "controller": simulation.disturbance.summary(),

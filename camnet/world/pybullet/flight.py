@@ -81,12 +81,12 @@ class Flight:
 
     def _read(self) -> None:
         c, position, velocity = self._engine.client, pb.getBasePositionAndOrientation, pb.getBaseVelocity
-        rows = []
+        flat: list[float] = []
         for b in self._numbers:
             p, q = position(b, c)
             v, w = velocity(b, c)
-            rows.append((*p, *q, *v, *w))
-        self.bodies = np.array(rows).reshape(len(rows), 13)
+            flat += p + q + v + w
+        self.bodies = np.array(flat).reshape(-1, 13)
 
     def _prepare(self, command: CameraCommand) -> None:
         """Hold the command, its feedforward and the wind for one control period."""
