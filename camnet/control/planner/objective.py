@@ -204,7 +204,8 @@ def evaluate(
     par, tau : model parameters, see `camnet.estimation.pls.noise.PARAMETERS`; step, s
     weight, resting : inverse process covariances and where the model is at rest, as `weights` gives them
     points : (m,14) step, share of the step, position (3,), information (3,3); see the module's table
-    start : (8,) expected power and turn rate (4) of the first state, and their inverse variances (4)
+    start : (9,) expected power and turn rate (4) of the first state, their inverse variances (4), and the inverse
+        variance of the last velocity about zero (0: free)
     rows : (K,19) obstacles
     shape, edge : (3,) margin m, softness m, rate 1/s of obstacles and of the region's border
     planes, disc, polygon : bounds of the region, as in `camnet.control.references.RegionBounds`
@@ -218,6 +219,11 @@ def evaluate(
         cost += 0.5 * start[4 + k] * away * away
         g[6 + k] += start[4 + k] * away
         ab[0, 6 + k] += start[4 + k]
+    last = 10 * (s.shape[0] - 1)
+    for k in range(3, 6):
+        cost += 0.5 * start[8] * s[-1, k] * s[-1, k]
+        g[last + k] += start[8] * s[-1, k]
+        ab[0, last + k] += start[8]
     h, p, normal, grad, hess = np.empty(4), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     for j in range(points.shape[0]):
         i = int(points[j, 0])
