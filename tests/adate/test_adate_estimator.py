@@ -207,6 +207,31 @@ def test_a_target_that_never_moves():
     assert np.linalg.norm(est.trajectory[:, :3], axis=1).max() < 0.6
 
 
+@pytest.mark.parametrize("lost_for", [1, 2])
+def test_a_lost_trajectory_is_recovered_from_the_linear_smoother(monkeypatch, lost_for):
+    truth = _circle(120)
+    est = AdaptiveTrajectoryEstimator()
+    original, left = est._converge, [0]
+
+    def spoilt():
+        if left[0] > 0:
+            left[0] -= 1
+            est._win.s[3:] = np.nan
+            return False
+        return original()
+
+    monkeypatch.setattr(est, "_converge", spoilt)
+    rng = np.random.default_rng(0)
+    for k, x in enumerate(truth):
+        left[0] = lost_for if k == 60 else left[0]
+        est.update(x + rng.normal(size=(3, 3)), np.tile(np.eye(3), (3, 1, 1)))
+        assert np.isfinite(est.trajectory).all()
+        assert np.linalg.eigvalsh(est.covariance)[0] > 0.0
+    assert est.restarts == 1
+    assert est.fallbacks == lost_for - 1
+    assert _rms(est.trajectory[:, :3], truth) < 0.8
+
+
 def test_observers_are_told_apart_by_name():
     truth = _circle(120)
     rng = np.random.default_rng(4)

@@ -276,8 +276,9 @@ class AdaptiveTrajectoryEstimator:
             self._pass()
             self._win.s[:] += self._win.d
             return
-        if not self._converge() and not self._restart():
-            self._fall_back()
+        before = self._win.s.copy()
+        if not self._converge() and not self._restart(before):
+            self._fall_back(before)
 
     def _converge(self) -> bool:
         """Gauss-Newton steps; whether every transition is closed to within its noise."""
@@ -292,20 +293,21 @@ class AdaptiveTrajectoryEstimator:
                 return True
         return False
 
-    def _restart(self) -> bool:
+    def _restart(self, before: Array) -> bool:
         """Start the window again from the linear constant-velocity smoother, which has one solution."""
         self.restarts += 1
-        self._smooth_linearly()
+        self._smooth_linearly(before)
         self._steer()
         return self._converge()
 
-    def _fall_back(self) -> None:
+    def _fall_back(self, before: Array) -> None:
         """Leave the window at the linear solution for this step."""
         self.fallbacks += 1
-        self._smooth_linearly()
+        self._smooth_linearly(before)
 
-    def _smooth_linearly(self) -> None:
+    def _smooth_linearly(self, before: Array) -> None:
         w = self._win
+        w.s[:] = before
         self._rest, self._keep_q = True, False
         self._linearise()
         self._pass()

@@ -63,7 +63,12 @@ class TruncationSettings(Settings):
 
 
 class AdateSettings(Settings):
-    """Adaptive trajectory estimation (li2019, section IV)."""
+    """Adaptive trajectory estimation (li2019, section IV).
+
+    An update takes ``iterations`` Gauss-Newton steps (fewer once the largest change is below ``tolerance``), and up to
+    ``rescue`` of them until the largest squared transition error is below ``closed`` variances. A large ``iterations``
+    iterates to convergence.
+    """
 
     iterations: _Count = 1
     rescue: _Count = 6
