@@ -36,6 +36,7 @@ from camnet.estimation.selection import DOptimalRule, SelectionRule, SmallestEig
 from camnet.estimation.selection_secular import SecularEigenvalueRule
 from camnet.estimation.settings import EstimatorSettings, StackSettings
 from camnet.estimation.stack import Change, HistoryStack
+from camnet.estimation.weight_step import weight_step
 from camnet.geometry.rotations_compiled import align_sign, normalise
 from camnet.types import Array, IntArray
 
@@ -176,12 +177,15 @@ class MotionModel:
         size = stack.size if settings.alpha < 1.0 else 1
         rule = make_rule(stack.model_copy(update={"size": size}), kernels)
         self.instantaneous = HistoryStack(size, kernels, COLUMNS, rule, stack.excitation_threshold)
-        self._inverse = np.eye(kernels) / (1.0 + self._rate(dt_s) * settings.leakage)
+        # over the touched kernels alone, in the order in which they were touched; diagonal for the others
+        self._inverse = np.zeros((0, 0))
+        self._order: IntArray = np.zeros(0, dtype=np.int64)
+        self._touched = np.zeros(kernels, dtype=bool)
+        self._fade = 1.0 / (1.0 + self._rate(dt_s) * settings.leakage)
         self._moment = np.zeros((kernels, COLUMNS))
         self._none = np.zeros(kernels)
         self._no_error = np.zeros(COLUMNS)
         self._changes = 0
-        self._touched: IntArray = np.zeros(0, dtype=np.int64)
 
     def _rate(self, dt_s: float) -> float:
         return dt_s * self._settings.kcl * self._settings.gamma
@@ -205,33 +209,54 @@ class MotionModel:
         if not change or share == 0.0:
             return bool(change)
         self._moment = a * self.integral.moment + (1.0 - a) * self.instantaneous.moment
+        self._touch(change[0][0])
         root = math.sqrt(self._rate(self._dt) * share)
         for row, sign in change:
-            rank_one(self._inverse, root * row, sign)
+            rank_one(self._inverse, root * row[self._order], sign)
             self._changes += 1
-        self._touched = np.union1d(self._touched, np.flatnonzero(change[0][0]))
         if self._changes >= REFRESH_EVERY:
             self._changes = 0
             self._inverse = self._exact_inverse(self._dt)
         return True
 
+    def _touch(self, row: Array) -> None:
+        """Give every kernel that occurs in ``row`` for the first time its own row of the inverse."""
+        new = np.flatnonzero((row != 0.0) & ~self._touched)
+        if len(new) == 0:
+            return
+        n, m = len(self._order), len(new)
+        inverse = self._fade * np.eye(n + m)
+        inverse[:n, :n] = self._inverse
+        self._inverse, self._order = inverse, np.concatenate((self._order, new))
+        self._touched[new] = True
+
     def _exact_inverse(self, dt_s: float) -> Array:
-        eye = np.eye(len(self.weights))
-        matrix = eye + self._rate(dt_s) * (self.psi + self._settings.leakage * eye)
-        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        eye, pick = np.eye(len(self._order)), np.ix_(self._order, self._order)
+        matrix = eye + self._rate(dt_s) * (self.psi[pick] + self._settings.leakage * eye)
+        inverse = np.linalg.inv(matrix)
+        return np.asarray(0.5 * (inverse + inverse.T), dtype=np.float64)
 
     def step(self, sigma: Array | None = None, error: Array | None = None) -> None:
         """Advance the weights by one nominal step, with (sigma (p,), G^T eta_til (8,)) or without feedback."""
-        s = self._settings
-        self.weights = implicit_step(
-            self.weights,
+        self.weights = self._stepped(
             self._inverse,
-            self._touched,
-            self._moment,
+            self._fade,
+            self._dt,
             self._none if sigma is None else sigma,
             self._no_error if error is None else error,
-            self._dt,
-            s.gamma,
+        )
+
+    def _stepped(self, inverse: Array, fade: float, dt_s: float, sigma: Array, error: Array) -> Array:
+        s = self._settings
+        return weight_step(
+            self.weights,
+            inverse,
+            self._order,
+            fade,
+            self._moment,
+            sigma,
+            error,
+            dt_s * s.gamma,
             s.kcl,
             self._outputs,
             s.weight_bound,
@@ -247,22 +272,9 @@ class MotionModel:
             return
         dt = duration_s / steps
         inverse = self._exact_inverse(dt)
-        s = self._settings
+        fade = 1.0 / (1.0 + self._rate(dt) * self._settings.leakage)
         for _ in range(steps):
-            self.weights = implicit_step(
-                self.weights,
-                inverse,
-                self._touched,
-                self._moment,
-                self._none,
-                self._no_error,
-                dt,
-                s.gamma,
-                s.kcl,
-                self._outputs,
-                s.weight_bound,
-                LAYER_SHARE * s.weight_bound,
-            )
+            self.weights = self._stepped(inverse, fade, dt, self._none, self._no_error)
 
     def excited_s(self) -> float:
         """Time T at which finite excitation (3-19) first held, s (inf before)."""

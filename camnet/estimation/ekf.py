@@ -9,6 +9,7 @@
 | P_q | covariance of (dtheta, dw) | (6, 6) | rad, rad/s |
 
 Process noise is the exact integral of white acceleration of density rho: ``rho [dt^3/3, dt^2/2; dt^2/2, dt]``.
+The class runs the compiled ``ekf_step``; the functions here are its readable form.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ import math
 import numpy as np
 
 from camnet.errors import ConfigError
+from camnet.estimation.ekf_step import correct_state, predict_state
 from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
 from camnet.estimation.protocol import Rollout
 from camnet.estimation.settings import EkfSettings
-from camnet.geometry.rotations_compiled import align_sign, conjugate, exp, log, multiply, normalise, to_matrix
+from camnet.geometry.rotations_compiled import conjugate, exp, log, multiply, normalise, to_matrix
 from camnet.types import Array, PoseMeasurement, TargetEstimate
 
-__all__ = ["ConstantVelocityEKF", "coast", "predict_covariances", "update_position"]
+__all__ = ["ConstantVelocityEKF", "coast", "predict_covariances", "update_orientation", "update_position"]
 
 #: uncertainty of the velocities at the first measurement
 START_SPEED_MPS = 1.0
@@ -63,7 +65,7 @@ def update_position(
     return p + k0 * e, v + k1 * e, after
 
 
-def _update_orientation(
+def update_orientation(
     q: Array, w: Array, cov: Array, measured: Array, variance: float
 ) -> tuple[Array, Array, Array]:
     """Kalman update of (q, w) with a measured orientation (4,)."""
@@ -157,11 +159,17 @@ class ConstantVelocityEKF:
                 p, t = p + (self._t - t) * self._v, self._t
             self._advance(t)
             s = self._settings
-            self._p, self._v, self._cov_p = update_position(
-                self._p, self._v, self._cov_p, p, s.position_noise_m**2
-            )
-            self._q, self._w, self._cov_q = _update_orientation(
-                self._q, self._w, self._cov_q, align_sign(q, self._q), s.orientation_noise_rad**2
+            correct_state(
+                self._p,
+                self._q,
+                self._v,
+                self._w,
+                self._cov_p,
+                self._cov_q,
+                p,
+                q,
+                s.position_noise_m**2,
+                s.orientation_noise_rad**2,
             )
         self._region, self._seen, self._last_seen = region, True, t
 
@@ -173,13 +181,18 @@ class ConstantVelocityEKF:
         self._advance(t_s)
 
     def _advance(self, t: float) -> None:
-        dt = t - self._t
         s = self._settings
-        self._cov_p, self._cov_q = predict_covariances(
-            self._cov_p, self._cov_q, self._w, dt, s.accel_psd_m2ps3, s.angular_accel_psd_rad2ps3
+        predict_state(
+            self._p,
+            self._q,
+            self._v,
+            self._w,
+            self._cov_p,
+            self._cov_q,
+            t - self._t,
+            s.accel_psd_m2ps3,
+            s.angular_accel_psd_rad2ps3,
         )
-        self._p = self._p + dt * self._v
-        self._q = normalise(multiply(self._q, exp(dt * self._w)))
         self._t = t
 
     def rollout(self, horizon_s: float, dt_s: float) -> Rollout:

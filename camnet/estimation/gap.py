@@ -81,6 +81,33 @@ def fit_motion(t: Array, p: Array, q: Array, t_eval: float) -> tuple[Array, Arra
     return p_eval, multiply(q_mid, exp(late_turn)), rotate(exp(rotate(q_mid, late_turn)), v), w
 
 
+@njit(cache=True)
+def push_and_fit(
+    t: Array, p: Array, q: Array, count: int, t_new: float, p_new: Array, q_new: Array, motion: Array
+) -> int:
+    """Add a pose to the rows of t (n,), p (n, 3), q (n, 4), of which ``count`` are held; the oldest gives way.
+
+    Returns the new count. From three poses on, velocity and angular velocity at the new pose are written to
+    ``motion`` (6,).
+    """
+    if count == len(t):
+        for k in range(count - 1):
+            t[k] = t[k + 1]
+            p[k] = p[k + 1]
+            q[k] = q[k + 1]
+        count -= 1
+    t[count] = t_new
+    p[count] = p_new
+    q[count] = q_new
+    count += 1
+    if count >= 3:
+        _, _, v, w = fit_motion(t[:count], p[:count], q[:count], t_new)
+        for i in range(3):
+            motion[i] = v[i]
+            motion[3 + i] = w[i]
+    return count
+
+
 class PoseHistory:
     """The latest poses of an uninterrupted sighting, at most ``capacity`` of them."""
 
@@ -103,6 +130,10 @@ class PoseHistory:
         i = self.count
         self._t[i], self._p[i], self._q[i] = t_s, p, q
         self.count = i + 1
+
+    def push_and_fit(self, t_s: float, p: Array, q: Array, motion: Array) -> None:
+        """Add a pose and write velocity and angular velocity there to ``motion`` (6,), from three poses on."""
+        self.count = push_and_fit(self._t, self._p, self._q, self.count, t_s, p, q, motion)
 
     def fit(self, t_s: float) -> EndState | None:
         """Pose and velocity at ``t_s``; None with fewer than three poses."""

@@ -127,9 +127,15 @@ class Learner:
         """Remember to learn the gap that has just ended, for the region that was left."""
         self._gap = _Gap(memory, exit_, entry_s)
 
-    def learn(self, t_s: float, p: Array, q: Array, sigma: Array, memory: RegionMemory) -> EndState | None:
-        """Take a measured pose and its sigma (p,); returns the present motion once enough poses are there."""
-        self._history.push(t_s, p, q)
+    def learn(
+        self, t_s: float, p: Array, q: Array, sigma: Array, memory: RegionMemory, motion: Array
+    ) -> None:
+        """Take a measured pose and its sigma (p,); writes the present ``motion`` (6,) once enough poses are there."""
+        history = self._history
+        if 3 * (history.count + 1) < self._settings.regression_samples:
+            history.push(t_s, p, q)
+        else:
+            history.push_and_fit(t_s, p, q, motion)
         window = self._windows.push(t_s, p, q, sigma)
         if window is not None:
             if memory.gate.passes(*window, memory.model.weights):
@@ -139,9 +145,6 @@ class Learner:
         if self._gap is not None and t_s - self._gap.entry_s >= self._settings.gap.entry_s:
             self._learn_gap(t_s, self._gap)
             self._gap = None
-        if 3 * self._history.count < self._settings.regression_samples:
-            return None
-        return self._history.fit(t_s)
 
     def _learn_rate(self, t_s: float, q: Array, memory: RegionMemory) -> None:
         """Offer a regressed rate at the middle of the history, (3-13), (4-20)."""

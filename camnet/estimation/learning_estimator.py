@@ -23,12 +23,13 @@ import numpy as np
 
 from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis, evaluate
-from camnet.estimation.concurrent_learning import MotionModel
-from camnet.estimation.feedback import FEEDBACK, world_feedback
+from camnet.estimation.concurrent_learning import SWITCHING, MotionModel
+from camnet.estimation.feedback import relative_feedback
 from camnet.estimation.gap import EndState
 from camnet.estimation.learner import Learner, RegionMemory
+from camnet.estimation.measured_step import measured_step
 from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
-from camnet.estimation.propagate import PRIORS, advance, model_twist, roll_out
+from camnet.estimation.propagate import COLUMNS, PRIORS, advance, model_twist, roll_out
 from camnet.estimation.protocol import Rollout
 from camnet.estimation.settings import EstimatorSettings
 from camnet.geometry.rotations_compiled import align_sign
@@ -81,7 +82,8 @@ class LearningEstimator:
         self._low, self._high = bounds[0].copy(), bounds[1].copy()
         self._stacked = settings.form == "stacked"
         self._prior_code = PRIORS[settings.gap.prior]
-        self._feedback = FEEDBACK[settings.frame]
+        self._relative = settings.frame == "relative"
+        self._switch = SWITCHING[settings.switching]
         self._n_regions = n_regions
         count = 1 if settings.share else n_regions
         self._memories = [RegionMemory(settings, basis.size, self._dt) for _ in range(count)]
@@ -96,6 +98,7 @@ class LearningEstimator:
         self._prior = np.zeros(6)
         self._twist = np.zeros(6)
         self._sigma = np.zeros(basis.size)
+        self._error = np.zeros(COLUMNS)
         self._owed = 0.0
         self._exit: EndState | None = None
         self._camera: tuple[int, CameraMotion] | None = None
@@ -192,15 +195,19 @@ class LearningEstimator:
         memory = self._memory_of(region)
         if self._region >= 0 and t < self._t:
             p, t = p + (self._t - t) * self._twist[0:3], self._t
-        if self._region < 0:
-            self._p, self._q, self._t = p, q, t
-        elif t - self._last_seen > LOST_PERIODS * self._dt or memory is not self._memory:
-            self._resight(t, p, q, memory)
+        if self._region < 0 or t - self._last_seen > LOST_PERIODS * self._dt or memory is not self._memory:
+            if self._region < 0:
+                self._p, self._q, self._t = p.copy(), q.copy(), t
+            else:
+                self._resight(t, p, q, memory)
+            basis = self._basis
+            evaluate(p, q, basis.centres, basis.precision, basis.heading_scale_m, self._sigma)
         else:
-            self._correct_seen(t, p, align_sign(q, self._q), camera)
+            q = align_sign(q, self._q)
+            self._correct_seen(t, p, q, camera)
         self._camera, self._memory, self._region = camera, memory, region
         self._seen, self._last_seen, self._t = True, t, t
-        self._learn(t, p, align_sign(q, self._q))
+        self._learner.learn(t, p, q, self._sigma, self._memory, self._prior)
 
     def predict(self, t_s: float) -> None:
         """See ``TargetFilter.predict``."""
@@ -238,7 +245,7 @@ class LearningEstimator:
             memory.model.settle(t - memory.last_in_force_s)
         self._owed = 0.0
         if self._settings.reset_on_sighting:
-            self._p, self._q = p, align_sign(q, self._q)
+            self._p, self._q = p.copy(), align_sign(q, self._q)
 
     def _advance(self, t: float) -> None:
         """Motion without feedback up to ``t``, and the weights on their stack alone: (3-15), (3-17), (4-16), (4-18)."""
@@ -279,35 +286,60 @@ class LearningEstimator:
         """In view, (3-8), (3-10), (4-16), (4-18): the model's rates at the measured pose, then the feedback."""
         duration = t - self._t
         model = self._memory.model
+        number, before = self._camera if self._camera is not None else camera
+        # another camera's former pose is not known: there the world form stands in, which needs none
+        if self._relative and number == camera[0] and self._last_seen == self._t:
+            residual = self._relative_step(duration, p, q, before, camera[1])
+        else:
+            residual = self._world_step(duration, p, q)
+        self._memory.radius.seen(residual)
+        for i in range(self._due_steps(duration)):
+            if i == 0:
+                model.step(self._sigma, self._error)
+            else:
+                model.step()
+
+    def _world_step(self, duration: float, p: Array, q: Array) -> float:
+        s = self._settings
+        return measured_step(
+            self._p,
+            self._q,
+            self._twist,
+            self._sigma,
+            self._error,
+            p,
+            q,
+            duration,
+            self._prior,
+            self._prior_code > 0,
+            self._stacked,
+            self._memory.model.weights,
+            self._basis.centres,
+            self._basis.precision,
+            self._basis.heading_scale_m,
+            s.k1_per_s,
+            s.k2,
+            self._switch,
+            s.boundary_layer,
+        )
+
+    def _relative_step(
+        self, duration: float, p: Array, q: Array, before: CameraMotion, now: CameraMotion
+    ) -> float:
+        basis = self._basis
         model_twist(
             p,
             q,
             self._prior,
             self._prior_code > 0,
             self._stacked,
-            model.weights,
-            self._basis.centres,
-            self._basis.precision,
-            self._basis.heading_scale_m,
+            self._memory.model.weights,
+            basis.centres,
+            basis.precision,
+            basis.heading_scale_m,
             self._twist,
         )
-        number, before = self._camera if self._camera is not None else camera
-        # another camera's former pose is not known: there the world form stands in, which needs none
-        same = number == camera[0] and self._last_seen == self._t
-        feedback = self._feedback if same else world_feedback
-        state = feedback(self._p, self._q, self._twist, duration, p, q, before, camera[1], self._settings)
-        self._p, self._q = state.p, state.q
-        self._memory.radius.seen(state.residual_m)
-        evaluate(p, q, self._basis.centres, self._basis.precision, self._basis.heading_scale_m, self._sigma)
-        for i in range(self._due_steps(duration)):
-            if i == 0:
-                model.step(self._sigma, state.error)
-            else:
-                model.step()
-
-    def _learn(self, t: float, p: Array, q: Array) -> None:
-        """Hand a measured pose to the learner; the regressed motion becomes the prior mean."""
-        evaluate(p, q, self._basis.centres, self._basis.precision, self._basis.heading_scale_m, self._sigma)
-        motion = self._learner.learn(t, p, q, self._sigma, self._memory)
-        if motion is not None:
-            self._prior[0:3], self._prior[3:6] = motion.v, motion.w
+        state = relative_feedback(self._p, self._q, self._twist, duration, p, q, before, now, self._settings)
+        self._p[:], self._q[:], self._error[:] = state.p, state.q, state.error
+        evaluate(p, q, basis.centres, basis.precision, basis.heading_scale_m, self._sigma)
+        return state.residual_m

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+
+from numba import njit
 
 from camnet.errors import DataError
 from camnet.geometry.rotations_compiled import multiply, normalise, rotate
@@ -23,10 +25,22 @@ def measured_world_pose(measurement: PoseMeasurement) -> tuple[Array, Array]:
         If the measurement is not finite.
     """
     m = measurement.motion
-    p = m.p_world + rotate(m.q_world, measurement.p_cam)
-    q = normalise(multiply(m.q_world, measurement.q_cam))
-    if not (np.isfinite(p).all() and np.isfinite(q).all()):
+    p, q, finite = _compose(m.p_world, m.q_world, measurement.p_cam, measurement.q_cam)
+    if not finite:
         raise DataError(
             f"measurement at {measurement.t_s} s of target {measurement.target}: pose {p}, {q} is not finite"
         )
     return p, q
+
+
+@njit(cache=True)
+def _compose(p_camera: Array, q_camera: Array, p_cam: Array, q_cam: Array) -> tuple[Array, Array, bool]:
+    p = rotate(q_camera, p_cam)
+    q = normalise(multiply(q_camera, q_cam))
+    total = 0.0
+    for i in range(3):
+        p[i] += p_camera[i]
+        total += p[i]
+    for i in range(4):
+        total += q[i]
+    return p, q, math.isfinite(total)

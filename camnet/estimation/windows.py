@@ -17,6 +17,7 @@ without overlap: the next begins with the samples at which the last one ended.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from camnet.estimation.propagate import COLUMNS, UNIT
 from camnet.geometry.rotations_compiled import align_sign, conjugate, log, multiply
@@ -35,6 +36,17 @@ def increment_of(p0: Array, q0: Array, p1: Array, q1: Array, duration: float, st
         out[3:6] = log(multiply(conjugate(q0), q1))
     out[UNIT] = duration
     return out
+
+
+@njit(cache=True)
+def _store(
+    ts: Array, ps: Array, qs: Array, sigmas: Array, i: int, t: float, p: Array, q: Array, sigma: Array
+) -> None:
+    """Write sample ``i``, the quaternion with the sign of the one before."""
+    ts[i] = t
+    ps[i] = p
+    sigmas[i] = sigma
+    qs[i] = align_sign(q, qs[i - 1]) if i > 0 else q
 
 
 class WindowCollector:
@@ -60,10 +72,8 @@ class WindowCollector:
 
     def push(self, t_s: float, p: Array, q: Array, sigma: Array) -> tuple[Array, Array] | None:
         """Add a measured pose and its sigma (p,); returns (row, increment) when a window is complete."""
-        i = self._filled
-        self._t[i], self._p[i], self._sigma[i] = t_s, p, sigma
-        self._q[i] = align_sign(q, self._q[i - 1]) if i > 0 else q
-        self._filled = i + 1
+        _store(self._t, self._p, self._q, self._sigma, self._filled, t_s, p, q, sigma)
+        self._filled += 1
         if self._filled < len(self._t):
             return None
         window = self._close()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from camnet.estimation.protocol import TargetFilter
-from camnet.geometry import rotations
+from camnet.geometry import rotations, rotations_compiled
 from camnet.types import CameraMotion, PoseMeasurement, Twist
 
 RATE_HZ = 30.0
@@ -81,8 +81,8 @@ def make_replica(
 
 def to_measurement(t: float, p: np.ndarray, q: np.ndarray, motion: CameraMotion = _STATIC) -> PoseMeasurement:
     """The measurement whose world pose is (p, q)."""
-    p_cam = rotations.rotate(rotations.conjugate(motion.q_world), p - motion.p_world)
-    q_cam = rotations.multiply(rotations.conjugate(motion.q_world), q)
+    p_cam = rotations_compiled.rotate_inverse(motion.q_world, p - motion.p_world)
+    q_cam = rotations_compiled.multiply(rotations_compiled.conjugate(motion.q_world), q)
     return PoseMeasurement(t, 0, 0, p_cam, q_cam, motion)
 
 
@@ -124,7 +124,7 @@ def run_replica(
         else:
             target_filter.predict(float(replica.t[k]))
         e = target_filter.estimate
-        position[k] = np.linalg.norm(e.p_world - replica.p[k])
+        position[k] = math.dist(e.p_world, replica.p[k])
         radius[k] = e.radius_m
         orientation[k] = 2 * math.acos(min(1.0, abs(float(e.q_world @ replica.q[k]))))
     return Result(replica, position, orientation, radius, time.process_time() - cpu, target_filter)

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from camnet.errors import ConfigError
 from camnet.estimation import ConstantVelocityEKF, IdealPredictor, TargetFilter
-from camnet.estimation.ekf import START_SPEED_MPS, coast, predict_covariances
+from camnet.estimation.ekf import (
+    START_SPEED_MPS,
+    coast,
+    predict_covariances,
+    update_orientation,
+    update_position,
+)
+from camnet.estimation.ekf_step import correct_state, predict_state
 from camnet.estimation.settings import EkfSettings, EstimatorSettings
 from camnet.geometry import rotations
 from camnet.types import Twist
@@ -119,3 +126,25 @@ def test_all_filters_answer_to_the_protocol() -> None:
         assert np.isinf(f.rollout(1.0, 0.1).radius_m).all()
     with pytest.raises(ConfigError, match="rate_hz"):
         ConstantVelocityEKF(EkfSettings(), 0.0)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_compiled_filter_is_the_readable_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    p, v, w = rng.standard_normal((3, 3))
+    q, dt = rotations.exp(rng.standard_normal(3)), rng.uniform(0.001, 0.5)
+    a, b = rng.standard_normal((2, 2)), rng.standard_normal((6, 6))
+    cov_p, cov_q = a @ a.T + 0.01 * np.eye(2), b @ b.T + 0.01 * np.eye(6)
+    pm = rng.standard_normal(3)
+    qm = rotations.multiply(q, rotations.exp(0.3 * rng.standard_normal(3)))
+    next_p, next_q = predict_covariances(cov_p, cov_q, w, dt, 0.3, 0.2)
+    p1, q1 = p + dt * v, rotations.multiply(q, rotations.exp(dt * w))
+    p2, v2, plain_p = update_position(p1, v, next_p, pm, 0.02)
+    q2, w2, plain_q = update_orientation(q1, w, next_q, qm, 0.03)
+    predict_state(p, q, v, w, cov_p, cov_q, dt, 0.3, 0.2)
+    np.testing.assert_allclose(np.concatenate((p, q)), np.concatenate((p1, q1)), atol=1e-12)
+    np.testing.assert_allclose(cov_q, next_q, atol=1e-10)
+    correct_state(p, q, v, w, cov_p, cov_q, pm, rng.choice([-1.0, 1.0]) * qm, 0.02, 0.03)
+    np.testing.assert_allclose(np.concatenate((p, q, v, w)), np.concatenate((p2, q2, v2, w2)), atol=1e-9)
+    np.testing.assert_allclose(cov_p, plain_p, atol=1e-10)
+    np.testing.assert_allclose(cov_q, plain_q, atol=1e-9)

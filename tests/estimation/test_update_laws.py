@@ -20,10 +20,14 @@ from camnet.estimation.concurrent_learning import (
     output_error,
     switching,
 )
+from camnet.estimation.feedback import world_feedback
+from camnet.estimation.measured_step import measured_step
 from camnet.estimation.projection import project_rate, project_step
 from camnet.estimation.propagate import PRIORS, advance, model_twist, roll_out
 from camnet.estimation.settings import EstimatorSettings, GapSettings, StackSettings
+from camnet.estimation.weight_step import weight_step
 from camnet.geometry import rotations
+from camnet.types import CameraMotion
 
 FORMS = ["twist", "stacked"]
 LOW, HIGH = np.full(3, -50.0), np.full(3, 50.0)
@@ -142,6 +146,55 @@ def test_implicit_integration_is_stable_where_explicit_euler_is_not() -> None:
             1.0,
         )
     np.testing.assert_allclose(w[1], 1.0, atol=1e-9)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_compact_weight_step_is_the_plain_one(seed: int) -> None:
+    """Kernels in any order, some never touched, with projection at work or not."""
+    rng = np.random.default_rng(seed)
+    p, n = 11, int(rng.integers(0, 12))
+    order = rng.permutation(p)[:n]
+    rows = rng.standard_normal((4, p)) * np.isin(np.arange(p), order)
+    dt, gamma, kcl, leakage = 0.1, 0.7, 2.0, 0.3
+    inverse = np.linalg.inv(np.eye(p) + dt * gamma * kcl * (rows.T @ rows + leakage * np.eye(p)))
+    w, sigma, error = rng.standard_normal((p, 8)), rng.uniform(0, 1, p), rng.standard_normal(8)
+    moment = rows.T @ rng.standard_normal((4, 8))
+    bound = float(rng.uniform(1.0, 20.0))
+    w *= min(1.0, bound / np.linalg.norm(w[:, :6]))
+    fade = 1.0 / (1.0 + dt * gamma * kcl * leakage)
+    compact = np.ascontiguousarray(inverse[np.ix_(order, order)])
+    fast = weight_step(w, compact, order, fade, moment, sigma, error, dt * gamma, kcl, 6, bound, 0.1)
+    plain = implicit_step(w, inverse, np.arange(p), moment, sigma, error, dt, gamma, kcl, 6, bound, 0.1)
+    np.testing.assert_allclose(fast, plain, atol=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@given(seed=st.integers(0, 10_000))
+def test_the_fused_measured_step_is_model_and_feedback(form: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    s = EstimatorSettings(form=form)
+    basis = RbfBasis.create(rng.uniform(-1, 1, (9, 2)), 0.3)
+    w, prior = 0.3 * rng.standard_normal((9, 8)), 0.3 * rng.standard_normal(6)
+    p, q = rng.standard_normal(3), rotations.exp(rng.standard_normal(3))
+    pm, qm = (
+        p + 0.1 * rng.standard_normal(3),
+        rotations.multiply(q, rotations.exp(0.2 * rng.standard_normal(3))),
+    )
+    qm *= rng.choice([-1.0, 1.0])
+    twist, still = np.zeros(6), CameraMotion(np.zeros(3), q, np.zeros(3), np.zeros(3))
+    model_twist(pm, qm, prior, True, form == "stacked", w, basis.centres, basis.precision, 1.0, twist)
+    state = world_feedback(p, q, twist, 0.05, pm, qm, still, still, s)
+    sigma, error, fast = np.zeros(9), np.zeros(8), np.zeros(6)
+    residual = measured_step(
+        p, q, fast, sigma, error, pm, qm, 0.05, prior, True, form == "stacked", w, basis.centres, basis.precision, 1.0,
+        s.k1_per_s, s.k2, SWITCHING[s.switching], s.boundary_layer,
+    )  # fmt: skip
+    np.testing.assert_allclose(fast, twist, atol=1e-14)
+    np.testing.assert_allclose(p, state.p, atol=1e-14)
+    np.testing.assert_allclose(q, state.q, atol=1e-14)
+    np.testing.assert_allclose(error, state.error, atol=1e-14)
+    np.testing.assert_allclose(sigma, basis(pm, qm))
+    assert residual == pytest.approx(state.residual_m)
 
 
 @pytest.mark.parametrize("alpha", [1.0, 0.3])
