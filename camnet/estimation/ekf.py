@@ -129,12 +129,18 @@ class ConstantVelocityEKF:
         self._p = np.full(3, np.nan)
         self._q = np.array([1.0, 0.0, 0.0, 0.0])
         self._v, self._w = np.zeros(3), np.zeros(3)
+        self._estimate: TargetEstimate | None = None
         self._cov_p = np.diag([settings.position_noise_m**2, START_SPEED_MPS**2])
         self._cov_q = np.diag([settings.orientation_noise_rad**2] * 3 + [START_RATE_RADPS**2] * 3)
 
     @property
     def estimate(self) -> TargetEstimate:
         """See ``TargetFilter.estimate``; the radius is three standard deviations on the worst axis."""
+        if self._estimate is None:
+            self._estimate = self._present_estimate()
+        return self._estimate
+
+    def _present_estimate(self) -> TargetEstimate:
         radius = 3.0 * math.sqrt(self._cov_p[0, 0]) if self._region >= 0 else math.inf
         return TargetEstimate(
             t_s=self._t,
@@ -151,7 +157,7 @@ class ConstantVelocityEKF:
     def correct(self, measurement: PoseMeasurement, region: int) -> None:
         """See ``TargetFilter.correct``; a measurement older than the state is moved along the present velocity."""
         p, q = measured_world_pose(measurement)
-        t = measurement.t_s
+        t, self._estimate = measurement.t_s, None
         if self._region < 0:
             self._t, self._p, self._q = t, p, q
         else:
@@ -177,6 +183,7 @@ class ConstantVelocityEKF:
         """See ``TargetFilter.predict``."""
         if self._region < 0 or t_s <= self._t:
             return
+        self._estimate = None
         self._seen = t_s - self._last_seen <= LOST_PERIODS * self._dt
         self._advance(t_s)
 

@@ -100,6 +100,7 @@ class LearningEstimator:
         self._sigma = np.zeros(basis.size)
         self._error = np.zeros(COLUMNS)
         self._owed = 0.0
+        self._estimate: TargetEstimate | None = None
         self._exit: EndState | None = None
         self._camera: tuple[int, CameraMotion] | None = None
 
@@ -108,6 +109,11 @@ class LearningEstimator:
     @property
     def estimate(self) -> TargetEstimate:
         """See ``TargetFilter.estimate``."""
+        if self._estimate is None:
+            self._estimate = self._present_estimate()
+        return self._estimate
+
+    def _present_estimate(self) -> TargetEstimate:
         return TargetEstimate(
             t_s=self._t,
             p_world=self._p.copy(),
@@ -121,8 +127,7 @@ class LearningEstimator:
         )
 
     def _growth(self) -> float:
-        v = self._twist
-        return self._memory.radius.growth(math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))
+        return self._memory.radius.growth(math.hypot(*self._twist[0:3].tolist()))
 
     def _radius(self) -> float:
         if self._region < 0:
@@ -193,6 +198,7 @@ class LearningEstimator:
         p, q = measured_world_pose(measurement)
         t, camera = measurement.t_s, (measurement.camera, measurement.motion)
         memory = self._memory_of(region)
+        self._estimate = None
         if self._region >= 0 and t < self._t:
             p, t = p + (self._t - t) * self._twist[0:3], self._t
         if self._region < 0 or t - self._last_seen > LOST_PERIODS * self._dt or memory is not self._memory:
@@ -213,6 +219,7 @@ class LearningEstimator:
         """See ``TargetFilter.predict``."""
         if self._region < 0 or t_s <= self._t:
             return
+        self._estimate = None
         if self._seen and t_s - self._last_seen > LOST_PERIODS * self._dt:
             self._lose()
         self._advance(t_s)

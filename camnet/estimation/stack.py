@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
 from camnet.estimation.selection import SelectionRule
 from camnet.types import Array
@@ -25,6 +26,18 @@ __all__ = ["Change", "HistoryStack"]
 
 #: a change of a stack: rows that entered (+1) and left (-1)
 Change = tuple[tuple[Array, float], ...]
+
+
+@njit(cache=True)
+def _accumulate(gram: Array, moment: Array, y: Array, d: Array, sign: float) -> None:
+    """Add or take away one window's share of both sums."""
+    for i in range(len(y)):
+        if y[i] != 0.0:
+            share = sign * y[i]
+            for j in range(len(y)):
+                gram[i, j] += share * y[j]
+            for j in range(len(d)):
+                moment[i, j] += share * d[j]
 
 
 class HistoryStack:
@@ -75,8 +88,7 @@ class HistoryStack:
                 self.refused += 1
                 return ()
             old = self._rows[index].copy()
-            self.gram -= np.outer(old, old)
-            self.moment -= np.outer(old, self._increments[index])
+            _accumulate(self.gram, self.moment, old, self._increments[index], -1.0)
             change = ((y, 1.0), (old, -1.0))
             self._write(index, y, d)
             self._rule.replaced(index, old, y, self.rows, self.gram)
@@ -87,8 +99,7 @@ class HistoryStack:
     def _write(self, index: int, y: Array, d: Array) -> None:
         self._rows[index] = y
         self._increments[index] = d
-        self.gram += np.outer(y, y)
-        self.moment += np.outer(y, d)
+        _accumulate(self.gram, self.moment, y, d, 1.0)
 
     def _check_excitation(self, t_s: float) -> None:
         """(3-19): lambda_min(S) >= lambda_lo exactly when S - lambda_lo I has a Cholesky factor."""
