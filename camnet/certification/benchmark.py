@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from camnet.certification.road_gaps import road_gaps
 from camnet.certification.transitions import GrowthModel, RoadTargetClass, certify_roads, network_report
 from camnet.types import Array
 
-__all__ = ["benchmark_certify", "generated_city", "nadir_views"]
+__all__ = ["benchmark_certify", "generated_city", "nadir_views", "run"]
 
 #: axes of a camera that looks down, image's up to the north: right, down, forward as columns
 _NADIR = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
@@ -59,7 +59,16 @@ def _street(a: Array, b: Array, rng: np.random.Generator) -> Array:
     return np.stack([a, 0.5 * (a + b) + rng.uniform(-0.1, 0.1) * across, b])
 
 
-def benchmark_certify(sizes: Sequence[int] = (100, 1000, 10_000), seed: int = 0) -> dict[str, object]:
+def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[str, object]:
+    """Run the benchmark of the command line."""
+    return benchmark_certify(seed=seed, progress=progress)
+
+
+def benchmark_certify(
+    sizes: Sequence[int] = (100, 1000, 10_000),
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, object]:
     """Certify generated networks and return their times and the exponent of growth, as data for JSON."""
     _certify_city(*generated_city(50, seed))  # compile and load first
     cases = []
@@ -68,6 +77,8 @@ def benchmark_certify(sizes: Sequence[int] = (100, 1000, 10_000), seed: int = 0)
         start = time.perf_counter()
         transitions = _certify_city(*city)
         cases.append({"cameras": size, "transitions": transitions, "seconds": time.perf_counter() - start})
+        if progress is not None:
+            progress(len(cases) / len(sizes))
     exponent = math.nan
     if len(cases) > 1:
         logs = np.log([[case["cameras"], case["seconds"]] for case in cases])

@@ -88,9 +88,7 @@ class RegionAgent:
         """Return the agent at the corner of its region that is farthest from a point (2,)."""
         away = np.linalg.norm(self.outline - point, axis=1)
         corner = self.outline[int(np.argmax(away))]
-        return MobileAgent(
-            corner, self.speed_mps, self.disturbance_mps, self.footprint_m, self.ramp_s
-        )
+        return MobileAgent(corner, self.speed_mps, self.disturbance_mps, self.footprint_m, self.ramp_s)
 
 
 def certify_crossing(

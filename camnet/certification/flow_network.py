@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -26,7 +26,7 @@ import shapely
 from camnet.certification.crossing import Crossing, RegionAgent, certify_crossing, meeting
 from camnet.certification.free_network import GroundView
 from camnet.certification.growth import PlanarField, error_tube, largest_model_error
-from camnet.certification.reachable import TubeReach
+from camnet.certification.reachable import PlanarView, TubeReach
 from camnet.errors import CertificateError
 from camnet.types import Array
 
@@ -55,11 +55,15 @@ class FlowTargetClass:
 
 @dataclass(frozen=True, eq=False)
 class FlowExit:
-    """Where the learned flow leaves a view: its number, the place (2,) and the direction (2,) of the flow there."""
+    """Where the learned flow leaves a view: its number, the place (2,) and the direction (2,) of the flow there.
+
+    ``after`` is the view that the flow enters next (-1: none while it was followed).
+    """
 
     view: int
     point: Array
     direction: Array
+    after: int = -1
 
 
 def flow_exits(
@@ -101,6 +105,8 @@ def flow_exits(
         if inside < 0 and here:
             inside = here[0]
             latest = fields[inside]
+            if exits and exits[-1].after < 0:
+                exits[-1] = replace(exits[-1], after=inside)
         middle = latest.velocity(p + 0.5 * step_s * velocity)
         p = p + step_s * middle
     return exits
@@ -110,7 +116,9 @@ def _per_view(field: PlanarField | Sequence[PlanarField], ground: Sequence[Groun
     if isinstance(field, PlanarField):
         return [field] * len(ground)
     if len(field) != len(ground):
-        raise CertificateError(f"{len(field)} learned fields for {len(ground)} views: give one, or one for each")
+        raise CertificateError(
+            f"{len(field)} learned fields for {len(ground)} views: give one, or one for each"
+        )
     return list(field)
 
 
@@ -166,6 +174,10 @@ def certify_flow(
     }
 
 
+#: stands for a view that is left out
+_BLIND = PlanarView(np.zeros((1, 2)), np.zeros(1), possible=False)
+
+
 @dataclass(frozen=True, eq=False)
 class _Settings:
     """What all transitions share: dwell times, step of the tubes, distance of samples, mobile cameras."""
@@ -186,7 +198,8 @@ def _worst(
     settings: _Settings,
 ) -> Crossing:
     """Return the worst verdict over the samples across an exit."""
-    others = [g.view for g in ground]
+    # a view cannot help while the ball leaves it; it counts where the flow comes back to it
+    others = [_BLIND if k == leave.view and leave.after != k else g.view for k, g in enumerate(ground)]
     largest = max(g.radius_m for g in ground)
     n = max(1, math.ceil(2.0 * target.spread_m / settings.cover_m - 1e-9))
     half = target.spread_m / n
@@ -228,7 +241,8 @@ def _entry(
     find_largest: bool,
 ) -> dict[str, object]:
     """Return one transition's entry of the report."""
-    view = ground[crossing.view]
+    into = crossing.view if crossing.verdict == "certified" or leave.after < 0 else leave.after
+    view = ground[into]
     gap = float(view.outline.distance(shapely.Point(leave.point)))
     tube = error_tube(
         field,

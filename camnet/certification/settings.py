@@ -16,7 +16,11 @@ class CertificateSettings(Settings):
     ``working_range_m`` is the distance at which targets are watched; ``None``: the middle of the camera's range.
     ``sigma_bar`` bounds the norm of the basis; ``None``: from the spacing and width of its kernels.
     ``weight_bound`` bounds the norm of the ideal weights; ``None``: the estimator's projection radius.
-    ``initial_error_m`` is the position error allowed when the target leaves; ``None``: sqrt(2 v_lo).
+    ``initial_error_m`` is the position error allowed when the target leaves; ``None``: sqrt(2 v_lo) where dwell
+    times are concerned, and 0.05 m for the ``learned`` certificate.
+    ``off_max_s`` is the longest time out of view that the designer allows; ``None``: for ``sound`` the dwell time, for
+    ``learned`` the longest gap that the estimator learns across. ``corridor_m`` is how far beside the path
+    that it learned from a target may be.
     """
 
     eps_bar: NonNegative = 0.01
@@ -26,3 +30,5 @@ class CertificateSettings(Settings):
     sigma_bar: Positive | None = None
     weight_bound: Positive | None = None
     initial_error_m: NonNegative | None = None
+    off_max_s: Positive | None = None
+    corridor_m: NonNegative = 0.02

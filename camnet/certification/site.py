@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,6 +46,7 @@ def certify_road_site(
     growth: GrowthModel | None = None,
     occluders: Sequence[tuple[Array, Array]] = (),
     search_m: float = math.inf,
+    largest_m: Array | None = None,
     constants: dict[str, object] | None = None,
 ) -> tuple[dict[str, object], RoadGaps, dict[str, TransitionTable]]:
     """Certify fixed cameras on a road network.
@@ -58,6 +60,7 @@ def certify_road_site(
     growth : error growth, for the ``learned`` certificate
     occluders : convex polytopes (B, c), B x <= c with unit normals
     search_m : unseen ways longer than this are not followed, and then not certified
+    largest_m : (C,) largest ball that each camera can hold wherever it is, m (mobile cameras: their footprint)
     constants : shown in the report
 
     Returns
@@ -66,6 +69,8 @@ def certify_road_site(
         the report as plain data, the gaps, and the verdicts by certificate (for maps).
     """
     coverage = cover_roads(roads, views, height_m, target.extent_m, occluders)
+    if largest_m is not None:
+        coverage = replace(coverage, depth_m=np.minimum(coverage.depth_m, largest_m[coverage.camera]))
     gaps = road_gaps(roads, coverage, search_m)
     tables = certify_roads(gaps, target, off_max_s, on_min_s, growth)
     report = network_report(

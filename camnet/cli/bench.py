@@ -15,7 +15,14 @@ __all__ = ["BENCHMARKS", "add_parser"]
 
 #: name -> module with ``run(seed=, progress=) -> dict``, and what it measures
 BENCHMARKS = {
-    "estimator": ("camnet.experiments.bench_estimator", "updates of the learning estimator against plain NumPy"),
+    "certify": (
+        "camnet.certification.benchmark",
+        "certificates of generated cities: growth of the cost with size",
+    ),
+    "estimator": (
+        "camnet.experiments.bench_estimator",
+        "updates of the learning estimator against plain NumPy",
+    ),
     "history-selection": ("camnet.experiments.bench_history", "choice of stack entries against brute force"),
     "simulation": ("camnet.experiments.bench_simulation", "closed loop against real time and raw PyBullet"),
 }

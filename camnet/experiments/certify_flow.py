@@ -1,0 +1,261 @@
+"""Certify a world whose target follows a velocity field: ``sound`` by dwell times, ``learned`` along the learned flow.
+
+| symbol | name | unit | meaning |
+| --- | --- | --- | --- |
+| phi | ``true_velocity`` | m/s | the velocity that the world's target has at a place |
+| phi_hat | ``LearnedModel.fields`` | m/s | the velocity that the estimator has learned |
+| e_v | ``model_errors`` | m/s | sup norm(phi - phi_hat) + (1 - u) v where the target can be |
+
+``e_v`` is needed only where the target itself can be: within ``corridor_m`` of its path (docs/theory.md, section 8). The
+supremum is taken on a grid in the corridor, plus the largest change between neighbours. The last term covers the
+prior that the predictor blends in where the model has no data; u is the share that the model answers for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+
+from camnet.certification.crossing import RegionAgent
+from camnet.certification.flow_network import FlowTargetClass, certify_flow
+from camnet.certification.free_network import GroundView, ground_views
+from camnet.certification.growth import PlanarField
+from camnet.certification.reachable import PlanarView
+from camnet.certification.site import views_of
+from camnet.errors import CertificateError
+from camnet.experiments.learned_model import LearnedModel
+from camnet.geometry.frustum import Frustum
+from camnet.geometry.polytope import largest_ball
+from camnet.geometry.regions import Region
+from camnet.motion.vector_field import VectorFieldMotion
+from camnet.simulation.certificates import feature_extent, view_radius
+from camnet.simulation.network import Network
+from camnet.types import Array
+
+__all__ = [
+    "FlowCase",
+    "certify_learned",
+    "corridor_points",
+    "flow_case",
+    "ground_of",
+    "learned_path",
+    "model_errors",
+    "region_agents",
+    "true_velocity",
+]
+
+#: position error when a target is lost, unless the world says otherwise, m
+_E0_M = 0.05
+#: distance between the lines of the grid in the corridor, m
+_GRID_M = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class FlowCase:
+    """Everything that the certificate of a learned flow is about, shared by certifier and falsifier.
+
+    Attributes
+    ----------
+    ground : views (or regions) on the ground
+    fields : learned velocity for the way out of each
+    target : class of the targets
+    start : (2,) a point on the path, in the middle of a view, m
+    duration_s : one lap and a half, s
+    off_max_s : longest time out of view
+    step_s, cover_m : step of the tubes and distance of samples across an exit
+    agents : mobile cameras
+    """
+
+    ground: list[GroundView]
+    fields: list[PlanarField]
+    target: FlowTargetClass
+    start: Array
+    duration_s: float
+    off_max_s: float
+    step_s: float
+    cover_m: float
+    agents: list[RegionAgent] | None
+
+
+def ground_of(network: Network) -> list[GroundView]:
+    """Cut every camera's view, or its agent's operating region, with the plane of the targets' reference points."""
+    if network.n_agents == 0:
+        specs = network.description.cameras
+        frusta = [Frustum.from_camera(c.camera).in_world(c.p_world, c.q_world) for c in specs]
+        views = views_of(frusta, np.array([c.p_world for c in specs]))
+        return ground_views(views, [c.name for c in specs], 0.0, feature_extent(network))
+    if network.description.cameras:
+        raise CertificateError("a network of mobile and fixed cameras together cannot be certified yet")
+    return [_region_view(region) for region in network.regions]
+
+
+def _region_view(region: Region) -> GroundView:
+    """Turn the outline of a convex operating region into half-planes."""
+    outline = shapely.Polygon(region.footprint())
+    if outline.convex_hull.area > outline.area * (1.0 + 1e-6):
+        raise CertificateError(
+            f"region {region.name!r} is not convex: the certificate needs convex operating regions; split it"
+        )
+    corners = np.asarray(shapely.geometry.polygon.orient(outline).exterior.coords)
+    along = np.diff(corners, axis=0)
+    normals = np.c_[along[:, 1], -along[:, 0]] / np.linalg.norm(along, axis=1, keepdims=True)
+    offsets = np.einsum("fi,fi->f", normals, corners[:-1])
+    return GroundView(
+        region.name, PlanarView(normals, offsets, True), outline, largest_ball(normals, offsets)[1]
+    )
+
+
+def region_agents(network: Network) -> list[RegionAgent] | None:
+    """Return what the agents can do: reference speed, disturbance bound, footprint; None without agents."""
+    if network.n_agents == 0:
+        return None
+    control = network.scenario.controller
+    ramp = control.reference_v_max_mps / control.reference_a_max_mps2
+    ramp += control.reference_a_max_mps2 / control.reference_jerk_max_mps3
+    return [
+        RegionAgent(
+            network.regions[j].footprint(),
+            control.reference_v_max_mps,
+            control.d_bar_mps,
+            view_radius(network, j),
+            ramp,
+        )
+        for j in range(network.n_agents)
+    ]
+
+
+def learned_path(model: LearnedModel) -> tuple[Array, Array]:
+    """Return points (n, 2) of the run's last lap and a half and the camera that saw, or last saw, the target there (n,)."""
+    t, seen = model.path[:, 0], model.path[:, 3].astype(int)
+    last = np.maximum.accumulate(np.where(seen >= 0, np.arange(len(seen)), 0))
+    late = t >= t[-1] - 1.5 * _lap_s(model)
+    return model.path[late][:, 1:3], np.where(seen[last] >= 0, seen[last], 0)[late]
+
+
+def _lap_s(model: LearnedModel) -> float:
+    """Time between the last two arrivals in the same view."""
+    seen = model.path[:, 3].astype(int)
+    into = np.flatnonzero((seen[1:] >= 0) & (seen[:-1] < 0)) + 1
+    again = [k for k in into[:-1] if seen[k] == seen[into[-1]]] if len(into) else []
+    if not again:
+        raise CertificateError(
+            "the target never came back to a view in the run that it was learned from: learn for longer"
+        )
+    return float(model.path[into[-1], 0] - model.path[again[-1], 0])
+
+
+def true_velocity(network: Network, points: Array) -> Array | None:
+    """Return the target's velocity (n, 2) at points (n, 2), once it has turned into its field; None if it has a memory."""
+    motion = network.description.targets[0].motion
+    if not isinstance(motion, VectorFieldMotion):
+        return None
+    out = np.empty((len(points), 2))
+    for k, (x, y) in enumerate(points.tolist()):
+        half = 0.5 * motion.field.guide(x, y).direction
+        q_world = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
+        twist = motion.velocity(np.array([x, y, 0.0]), q_world, 0.0)
+        if twist is None:
+            return None
+        out[k] = twist.v[:2]
+    return out
+
+
+def corridor_points(path: Array, corridor_m: float) -> Array:
+    """Return a grid (k, n, 2) of points: the path shifted sideways by up to ``corridor_m``."""
+    along = np.gradient(path, axis=0)
+    across = np.c_[-along[:, 1], along[:, 0]] / np.maximum(
+        np.linalg.norm(along, axis=1, keepdims=True), 1e-12
+    )
+    steps = max(1, math.ceil(corridor_m / _GRID_M))
+    shifts = corridor_m * np.arange(-steps, steps + 1) / steps
+    return np.asarray(path + shifts[:, None, None] * across)
+
+
+def model_errors(network: Network, model: LearnedModel) -> list[float]:
+    """Return e_v of every region's model in the corridor of its sighting's end and of the gap behind it, m/s."""
+    path, last = learned_path(model)
+    speed = 1.05 * float(
+        np.linalg.norm(np.diff(model.path[:, 1:3], axis=0), axis=1).max() / np.diff(model.path[:2, 0])[0]
+    )
+    blends = network.scenario.estimator.gap.prior != "none"
+    out = []
+    for j, field in enumerate(model.fields()):
+        parts = [p for p in _runs(path, last == j) if len(p) > 2]
+        worst = 0.0
+        for part in parts:
+            grid = corridor_points(part, network.scenario.certificate.corridor_m)
+            flat = grid.reshape(-1, 2)
+            true = true_velocity(network, flat)
+            if true is None:
+                raise CertificateError(
+                    "the target's velocity does not depend on its place alone (motors that lag, or another kind of "
+                    "motion): state the model's error with --model-error"
+                )
+            error = np.linalg.norm(true - field.velocity(flat), axis=1)
+            if blends:
+                error += speed * (1.0 - model.support(j, flat))
+            error = error.reshape(grid.shape[:2])
+            slack = 0.5 * sum(float(np.abs(np.diff(error, axis=a)).max(initial=0.0)) for a in (0, 1))
+            worst = max(worst, float(error.max()) + slack)
+        out.append(worst)
+    return out
+
+
+def _runs(path: Array, chosen: Array) -> list[Array]:
+    """Cut out the unbroken stretches of a path where ``chosen`` holds."""
+    edges = np.flatnonzero(np.diff(np.r_[False, chosen, False].astype(int)))
+    return [path[a:b] for a, b in edges.reshape(-1, 2).tolist()]
+
+
+def flow_case(network: Network, model: LearnedModel, model_error_mps: float | None = None) -> FlowCase:
+    """Put together what the learned certificate of a world is about.
+
+    Raises
+    ------
+    CertificateError
+        The model belongs to another network, or the target never returned to a view.
+    """
+    if len(model.weights) != len(network.regions):
+        raise CertificateError(
+            f"the model has {len(model.weights)} regions, the network {len(network.regions)}: learn it again"
+        )
+    settings, ground = network.scenario.certificate, ground_of(network)
+    path, last = learned_path(model)
+    e_v = max(model_errors(network, model)) if model_error_mps is None else model_error_mps
+    e0 = settings.initial_error_m if settings.initial_error_m is not None else _E0_M
+    source = "stated" if model_error_mps is not None else "deterministic"
+    target = FlowTargetClass(
+        network.scenario.targets[0].v_max_mps, e_v, e0, spread_m=settings.corridor_m, source=source
+    )
+    depth = np.array([ground[j].view.depth(p) for p, j in zip(path, last, strict=True)])
+    return FlowCase(
+        ground,
+        model.fields(),
+        target,
+        path[int(np.argmax(depth))],
+        1.5 * _lap_s(model),
+        settings.off_max_s or network.scenario.estimator.gap.max_gap_s,
+        0.2,
+        max(0.1, 2.0 * settings.corridor_m),
+        region_agents(network),
+    )
+
+
+def certify_learned(case: FlowCase, find_largest: bool = True) -> dict[str, Any]:
+    """Return the ``learned`` report of a flow case."""
+    return certify_flow(
+        case.fields,
+        case.ground,
+        case.target,
+        case.start,
+        case.duration_s,
+        case.off_max_s,
+        step_s=case.step_s,
+        cover_m=case.cover_m,
+        find_largest=find_largest,
+        agents=case.agents,
+    )

@@ -1,0 +1,249 @@
+"""Certify cameras that stand somewhere already: surveyed cameras of an open site, or cameras along a city's roads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camnet.certification.benchmark import nadir_views
+from camnet.certification.coverage import Views
+from camnet.certification.free_network import FreeTargetClass, ground_views
+from camnet.certification.road_arcs import RoadArcs, arcs_from_polylines
+from camnet.certification.site import (
+    certify_open_site,
+    certify_road_site,
+    road_segments_with_verdict,
+    views_of,
+)
+from camnet.certification.transitions import GrowthModel, RoadTargetClass
+from camnet.errors import ConfigError, WorldError
+from camnet.experiments.certify_world import Certified, free_lines, road_lines
+from camnet.geometry.frustum import Frustum
+from camnet.geometry.pinhole import Pinhole
+from camnet.geometry.settings import CameraModel, Intrinsics
+from camnet.importers.krtd import KrtdCamera, read_krtd_folder
+from camnet.importers.sumo import SumoNetwork, read_sumo_network
+from camnet.importers.sumo_detectors import Sensor, read_detectors, read_sensor_table
+from camnet.motion.track import Track
+from camnet.types import Array
+
+__all__ = [
+    "RoadSite",
+    "certify_cameras",
+    "certify_road_cameras",
+    "check_recorded",
+    "read_road_site",
+    "usable_frustum",
+]
+
+#: shares of the image that are tried where the distortion folds it over
+_SHARES = np.arange(0.98, 0.2, -0.02)
+_SLACK_M = 1e-6
+
+
+def usable_frustum(name: str, intrinsics: Intrinsics, near_m: float, far_m: float) -> tuple[Frustum, float]:
+    """Return a camera's frustum and the share of the image about the principal point that it covers.
+
+    Where the lens model folds the image over before its border, the view is cut to the largest centred part of the
+    image in which pixels and rays belong together one to one; what lies outside counts as unseen, which is cautious.
+    """
+    model = CameraModel(name=name, intrinsics=intrinsics, near_m=near_m, far_m=far_m)
+    try:
+        return Frustum.from_camera(model), 1.0
+    except WorldError:
+        pass
+    for share in _SHARES.tolist():
+        inner = _inner_part(intrinsics, share)
+        if not _monotone(inner):
+            continue
+        try:
+            return Frustum.from_camera(model.model_copy(update={"intrinsics": inner})), share
+        except WorldError:
+            continue
+    raise WorldError(f"camera {name!r}: no part of the image has a valid distortion {intrinsics.distortion}")
+
+
+def _inner_part(intrinsics: Intrinsics, share: float) -> Intrinsics:
+    return intrinsics.model_copy(
+        update={
+            "width_px": int(share * intrinsics.width_px),
+            "height_px": int(share * intrinsics.height_px),
+            "cx_px": share * intrinsics.cx_px,
+            "cy_px": share * intrinsics.cy_px,
+        }
+    )
+
+
+def _monotone(intrinsics: Intrinsics) -> bool:
+    """Whether pixels move away from the centre along every ray to the border of the image."""
+    pinhole = Pinhole.from_settings(intrinsics)
+    w, h = pinhole.size
+    t = np.linspace(0.0, 1.0, 33)
+    border = np.concatenate(
+        [np.c_[t * w, 0 * t], np.c_[t * w, 0 * t + h], np.c_[0 * t, t * h], np.c_[0 * t + w, t * h]]
+    )
+    rays = pinhole.normalise(border)
+    if not np.isfinite(rays).all():
+        return False
+    steps = np.linspace(0.0, 1.0, 65)[:, None, None] * rays
+    pixels = pinhole.project(np.concatenate([steps, np.ones_like(steps[..., :1])], axis=-1))
+    away = np.linalg.norm(pixels - pinhole.centre, axis=-1)
+    return bool((np.diff(away, axis=0) > 0.0).all())
+
+
+def certify_cameras(
+    folder: Path,
+    target: FreeTargetClass,
+    *,
+    image_px: tuple[int, int],
+    range_m: float,
+    height_m: float = 0.0,
+    e0_m: float = 3.0,
+    growth: GrowthModel | None = None,
+    off_max_s: float | None = None,
+    on_min_s: float | None = None,
+) -> tuple[Certified, Views, list[str], list[str]]:
+    """Certify surveyed cameras of an open site; also return their views, their names and warnings."""
+    cameras: Sequence[KrtdCamera] = read_krtd_folder(folder, *image_px)
+    frusta, warnings = [], []
+    for camera in cameras:
+        frustum, share = usable_frustum(camera.name, camera.intrinsics, min(1.0, 0.1 * range_m), range_m)
+        if share < 1.0:
+            warnings.append(
+                f"{camera.name}: its distortion folds the image over before the border; the view is cut to the inner "
+                f"{share:.0%} of the image"
+            )
+        frusta.append(frustum.in_world(camera.p_world, camera.q_world))
+    names = [camera.name for camera in cameras]
+    views = views_of(frusta, np.array([camera.p_world for camera in cameras]))
+    report: dict[str, Any] = certify_open_site(
+        views, names, target, height_m=height_m, off_max_s=off_max_s, on_min_s=on_min_s, e0_m=e0_m, growth=growth
+    )  # fmt: skip
+    report["constants"] = {
+        "range_m": range_m,
+        "height_m": height_m,
+        "initial_error_m": e0_m,
+        "off_max_s": off_max_s,
+    }
+    report["warnings"] = warnings
+    ground = ground_views(views, names, height_m, target.extent_m)
+    outlines = [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
+    return Certified(report, outlines, free_lines(report, ground)), views, names, warnings
+
+
+def check_recorded(
+    tracks: Sequence[Track], views: Views, names: Sequence[str], target: FreeTargetClass, height_m: float
+) -> dict[str, Any]:
+    """Check recorded people against the reachable sets of the free class.
+
+    For every fix out of view, the set is the disc about the last fix in view with radius v_max times the time since.
+    Where some step since then is itself faster than v_max the class says nothing; those fixes are counted apart.
+
+    Returns
+    -------
+    dict
+        ``fixes``, ``faster_than_v_max``: steps between fixes whose own speed exceeds v_max; ``checked`` and
+        ``outside``: unseen fixes reached by steps within the class, and those out of their set; ``outside_all``: the
+        same over all unseen fixes (``checked_all``); ``least_v_max_mps``: smallest v_max for which none is outside.
+    """
+    ground = ground_views(views, names, height_m, target.extent_m)
+    out = dict.fromkeys(("fixes", "faster_than_v_max", "checked", "outside", "checked_all", "outside_all"), 0)
+    least = 0.0
+    for track in tracks:
+        p, t = track.p_world[:, :2], track.t_s
+        visible = np.any([g.view.depth(p) >= 0.0 for g in ground], axis=0)
+        fast = np.linalg.norm(np.diff(p, axis=0), axis=1) > target.v_max_mps * np.diff(t)
+        ahead = np.cumsum(np.r_[0, fast])
+        out["fixes"] += len(p)
+        out["faster_than_v_max"] += int(fast.sum())
+        last = np.maximum.accumulate(np.where(visible, np.arange(len(p)), -1))
+        rows = np.flatnonzero(~visible & (last >= 0))
+        away = np.linalg.norm(p[rows] - p[last[rows]], axis=1)
+        since = t[rows] - t[last[rows]]
+        beyond = away > target.v_max_mps * since + _SLACK_M
+        within = ahead[rows] == ahead[last[rows]]
+        out["checked"] += int(within.sum())
+        out["outside"] += int((beyond & within).sum())
+        out["checked_all"] += len(rows)
+        out["outside_all"] += int(beyond.sum())
+        least = max(least, float((away / since).max(initial=0.0)))
+    return {**out, "v_max_mps": target.v_max_mps, "least_v_max_mps": least}
+
+
+@dataclass(frozen=True, eq=False)
+class RoadSite:
+    """A road network for certification: arcs, the names of their streets, places of junctions (J, 2), m."""
+
+    roads: RoadArcs
+    streets: list[str]
+    junctions: Array
+
+
+def read_road_site(path: Path) -> RoadSite:
+    """Read the streets of a SUMO network as directed arcs."""
+    network: SumoNetwork = read_sumo_network(path)
+    number = {edge.id: i for i, edge in enumerate(network.edges)}
+    following = [[number[s] for s in edge.successors if s in number] for edge in network.edges]
+    roads = arcs_from_polylines([edge.points for edge in network.edges], following)
+    return RoadSite(roads, [edge.id for edge in network.edges], np.array(list(network.junctions.values())))
+
+
+def read_sensors(path: Path, network: Path, merge_m: float = 10.0) -> tuple[Sensor, ...]:
+    """Read cameras from a CSV table or from the detectors of a SUMO additional file."""
+    if path.name.endswith((".xml", ".xml.gz")):
+        return read_detectors(path, network, merge_m)
+    if path.name.endswith(".csv"):
+        return read_sensor_table(path)
+    raise ConfigError(f"--cameras {str(path)!r}: a .csv table or a SUMO .add.xml was expected")
+
+
+def sensor_views(sensors: Sequence[Sensor], footprint_m: float, height_m: float = 20.0) -> Views:
+    """Return the views of cameras that look straight down from ``height_m``, on a square of road."""
+    sides = {s.footprint_m or footprint_m for s in sensors}
+    if len(sides) > 1:
+        raise ConfigError(f"footprints {sorted(sides)}: one size for all cameras is supported")
+    return nadir_views(np.array([[s.x_m, s.y_m] for s in sensors]), height_m, sides.pop())
+
+
+def certify_road_cameras(
+    network: Path,
+    cameras: Path,
+    target: RoadTargetClass,
+    *,
+    footprint_m: float,
+    off_max_s: float,
+    on_min_s: float,
+    height_m: float = 0.5,
+    growth: GrowthModel | None = None,
+    search_m: float = float("inf"),
+) -> Certified:
+    """Certify cameras over a city's roads for road-bound targets."""
+    site, sensors = read_road_site(network), read_sensors(cameras, network)
+    views = sensor_views(sensors, footprint_m)
+    names = [s.name for s in sensors]
+    report, gaps, tables = certify_road_site(
+        site.roads,
+        views,
+        names,
+        target,
+        height_m=height_m,
+        off_max_s=off_max_s,
+        on_min_s=on_min_s,
+        growth=growth,
+        search_m=search_m,
+        constants={
+            "off_max_s": off_max_s,
+            "on_min_s": on_min_s,
+            "footprint_m": footprint_m,
+            "dwell_source": "stated",
+        },
+    )
+    report["network"] |= {"roads_km": float(site.roads.length_m.sum() / 1000.0), "arcs": site.roads.n_arcs}  # type: ignore[operator]
+    pieces = road_segments_with_verdict(site.roads, gaps, tables["learned" if growth else "sound"])
+    ground = ground_views(views, names, height_m, target.extent_m)
+    outlines = [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
+    return Certified(report, outlines, road_lines(pieces))
