@@ -28,6 +28,10 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     add_scenario(parser)
     add_common(parser)
+    parser.add_argument(
+        "--seeds", metavar="A-B", help="run many seeds, e.g. 1-10; a second call goes on where it stopped"
+    )
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes for --seeds (default: 2)")
     parser.add_argument("--no-video", action="store_true", help="write no video (about half of the time)")
     parser.add_argument("--no-report", action="store_true", help="write figures and log only, no pictures")
     parser.set_defaults(run=run)
@@ -37,8 +41,14 @@ def run(args: argparse.Namespace) -> int:
     """Load, run, write."""
     from camnet.config.load import load_scenario
     from camnet.config.models import Scenario
+    from camnet.config.traffic import expand_traffic
 
     scenario = load_scenario(args.config, overrides(args), seed=args.seed)
+    if isinstance(scenario, Scenario) and scenario.traffic is not None:
+        say("preparing the traffic (kept for the next run) ...")
+        scenario = expand_traffic(scenario, cache_folder())
+    if args.seeds is not None:
+        return _many(args, scenario)
     folder = choose_folder(args.out, f"{scenario.name}-seed{scenario.seed}", args.force)
     if isinstance(scenario, Scenario):
         return _network(args, scenario, folder)
@@ -47,14 +57,21 @@ def run(args: argparse.Namespace) -> int:
     return run_and_write(args, scenario, folder)
 
 
+def _many(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imported late
+    from camnet.cli.simulate_many import run_and_write
+    from camnet.config.models import Scenario
+    from camnet.errors import ConfigError
+
+    if not isinstance(scenario, Scenario):
+        raise ConfigError(f"--seeds {args.seeds}: a recording is replayed once; its predictions have no seed")
+    if args.jobs < 1:
+        raise ConfigError(f"--jobs {args.jobs}: give a whole number of at least 1")
+    return run_and_write(args, scenario, Path(args.out or f"runs/{scenario.name}-seeds"))
+
+
 def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # noqa: ANN401 - imported late
-    from camnet.config.traffic import expand_traffic
     from camnet.report.write import write_all
     from camnet.simulation.run import run_network
-
-    if scenario.traffic is not None:
-        say("preparing the traffic (kept for the next run) ...")
-        scenario = expand_traffic(scenario, cache_folder())
 
     with progress_bar(scenario.run.duration_s, "simulating", "s", args.quiet) as advance:
         result = run_network(scenario, scenario.seed, progress=advance)

@@ -1,0 +1,147 @@
+"""The part of ``camnet simulate`` that runs many seeds: in parallel, resumable, with a table over all of them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import re
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camnet import __version__
+from camnet.cli.common import progress_bar, say
+from camnet.cli.output import print_json, whole_folder, write_json
+from camnet.config.models import Scenario
+from camnet.errors import ConfigError
+
+__all__ = ["parse_seeds", "run_and_write"]
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Parse ``1-10``, ``3`` or ``1,4,9-12``.
+
+    Raises
+    ------
+    ConfigError
+        The text is none of these.
+    """
+    seeds: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d+)(?:\s*-\s*(\d+))?\s*", part)
+        low, high = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        if high < low:
+            raise ConfigError(f"--seeds {text!r}: give numbers and ranges, such as 1-10 or 1,4,9-12")
+        seeds += range(low, high + 1)
+    return sorted(set(seeds))
+
+
+def run_and_write(args: argparse.Namespace, scenario: Scenario, folder: Path) -> int:
+    """Run every seed that is not there yet, then write and print the table."""
+    seeds = parse_seeds(args.seeds)
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = [s for s in seeds if not _finished(folder, scenario, s)]
+    if len(wanted) < len(seeds):
+        say(f"{len(seeds) - len(wanted)} of {len(seeds)} seeds are there already and are kept")
+    context = multiprocessing.get_context("spawn")
+    with progress_bar(len(seeds), "seeds", "seeds", args.quiet) as advance:
+        advance(len(seeds) - len(wanted))
+        with ProcessPoolExecutor(args.jobs, mp_context=context) as pool:
+            futures = [pool.submit(_one, scenario, s, str(folder / f"seed-{s}")) for s in wanted]
+            for k, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                advance(len(seeds) - len(wanted) + k)
+    summaries = {s: _read(folder, s)["summary"] for s in seeds}
+    content = {
+        "aggregate": _aggregate(list(summaries.values())),
+        "runs": {str(s): summary for s, summary in summaries.items()},
+        "version": __version__,
+        "config": scenario.model_dump(mode="json"),
+    }
+    write_json(folder / "summary.json", content)
+    if args.json:
+        print_json(content)
+    else:
+        _print(content)
+    say(f"wrote {folder}")
+    return 0
+
+
+def _one(scenario: Scenario, seed: int, folder: str) -> None:
+    """Run one seed in a worker and write its folder (no pictures)."""
+    from camnet.simulation.run import run_network
+
+    result = run_network(scenario, seed)
+    if result.interrupted:
+        raise KeyboardInterrupt
+    with whole_folder(Path(folder)) as temporary:
+        config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
+        content = {"summary": result.summary, "seed": seed, "version": __version__, "config": config}
+        write_json(temporary / "summary.json", content)
+        write_json(temporary / "handoffs.json", result.handoffs)
+        result.log.write(temporary / "log.parquet")
+
+
+def _read(folder: Path, seed: int) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(
+        (folder / f"seed-{seed}" / "summary.json").read_text(encoding="utf-8")
+    )
+    return content
+
+
+def _finished(folder: Path, scenario: Scenario, seed: int) -> bool:
+    """Whether this seed was run before with the same settings and version."""
+    try:
+        content = _read(folder, seed)
+    except (OSError, json.JSONDecodeError):
+        return False
+    config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
+    return bool(content["config"] == config and content["version"] == __version__)
+
+
+def _aggregate(summaries: list[dict[str, Any]]) -> dict[str, Any]:
+    """Totals over seeds, and the mean and the worst of every error row."""
+    attempted = sum(s["handoffs"]["attempted"] for s in summaries)
+    completed = sum(s["handoffs"]["completed"] for s in summaries)
+    driving = summaries[0]["estimator_in_charge"]
+    rows = {
+        driving: summaries,
+        **{name: [s["baselines"][name] for s in summaries] for name in summaries[0]["baselines"]},
+    }
+    return {
+        "seeds": len(summaries),
+        "handoffs": {"attempted": attempted, "completed": completed},
+        "handoff_success": completed / attempted if attempted else None,
+        "collisions": sum(s["collisions"] for s in summaries),
+        "region_exits": sum(s["region_exits"] for s in summaries),
+        "time_in_view": float(np.mean([s["time_in_view"] for s in summaries])),
+        "bound_exceeded": sum(s["controller"].get("bound_exceeded", 0) for s in summaries),
+        "max_error_m": max((s["controller"].get("max_error") or 0.0) for s in summaries),
+        "position_rmse_m": {name: _row(row, "position_rmse_m") for name, row in rows.items()},
+        "orientation_rmse_deg": {name: _row(row, "orientation_rmse_deg") for name, row in rows.items()},
+    }
+
+
+def _row(summaries: list[dict[str, Any]], what: str) -> dict[str, dict[str, float] | None]:
+    result: dict[str, dict[str, float] | None] = {}
+    for when in ("seen", "unseen", "unseen_first_lap"):
+        values = [s[what][when] for s in summaries if s[what][when] is not None]
+        result[when] = {"mean": float(np.mean(values)), "max": float(np.max(values))} if values else None
+    return result
+
+
+def _print(content: dict[str, Any]) -> None:
+    total = content["aggregate"]
+    done = total["handoffs"]
+    print(f"{total['seeds']} seeds: {done['completed']} of {done['attempted']} handoffs completed, ", end="")
+    print(
+        f"{total['collisions']} collisions, {total['region_exits']} exits, in view {total['time_in_view']:.1%}"
+    )
+    print("position RMSE, mean (worst) over seeds, m      seen       unseen lap 1     unseen lap 3 on")
+    for name, row in total["position_rmse_m"].items():
+        cells = [row[when] for when in ("seen", "unseen_first_lap", "unseen")]
+        texts = ["      –       " if c is None else f"{c['mean']:.3f} ({c['max']:.3f})" for c in cells]
+        print(f"  {name:40s} " + "   ".join(f"{t:>14s}" for t in texts))
