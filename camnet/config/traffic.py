@@ -21,6 +21,7 @@ from camnet.geometry.settings import Box, Road
 from camnet.importers.sumo import read_sumo_network, roads_of, run_sumo
 from camnet.importers.tracks import read_tracks
 from camnet.importers.traffic import BusyRegion, busiest_regions, visits
+from camnet.motion.replay import TrackPath
 from camnet.motion.settings import TargetSettings, TrackTarget
 from camnet.motion.track import Track
 from camnet.settings import Settings
@@ -97,11 +98,12 @@ def _make(traffic: TrafficSettings, folder: Path) -> dict[str, Any]:
             "traffic.duration_s, or enlarge traffic.regions.within_m"
         )
     origin = np.round(np.mean([(*p.min_m, *p.max_m) for p in places], axis=0).reshape(2, 2).mean(axis=0))
-    _write_tracks(folder / "tracks.csv", chosen, origin, traffic.duration_s)
+    driven = [_parked(track, origin, traffic.duration_s) for track in chosen]
+    _write_tracks(folder / "tracks.csv", driven)
     parts: dict[str, Sequence[Settings]] = {
         "regions": [_region(i, place, origin, traffic.regions) for i, place in enumerate(places)],
         "agents": [_agent(i, place, origin, traffic) for i, place in enumerate(places)],
-        "targets": [_target(i, track, folder / "tracks.csv") for i, track in enumerate(chosen)],
+        "targets": [_target(i, track, folder / "tracks.csv") for i, track in enumerate(driven)],
         "roads": _roads(traffic, places, origin),
     }
     return {name: [item.model_dump(mode="json") for item in items] for name, items in parts.items()}
@@ -154,20 +156,29 @@ def _most_handed_over(
     return chosen
 
 
-def _write_tracks(path: Path, tracks: Sequence[Track], origin: Array, duration_s: float) -> None:
-    """Write the chosen tracks about ``origin``, each over the whole window: parked before and after its trip."""
+def _parked(track: Track, origin: Array, duration_s: float) -> Track:
+    """Return a track about ``origin`` over the whole window: parked before and after its trip.
+
+    Places are rounded as they are written, so that what is checked is what is read back.
+    """
+    t = np.round(track.t_s, 3)
+    p_world = np.round(track.p_world - np.array([*origin, 0.0]), 3)
+    before, after = t[0] > 0.0, t[-1] < duration_s
+    t = np.concatenate([[0.0] if before else [], t, [duration_s] if after else []])
+    p_world = np.concatenate(
+        [p_world[:1] if before else p_world[:0], p_world, p_world[-1:] if after else p_world[:0]]
+    )
+    return Track(track.id, t, p_world)
+
+
+def _write_tracks(path: Path, tracks: Sequence[Track]) -> None:
+    """Write tracks as CSV."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(["id", "t_s", "x_m", "y_m"])
         for track in tracks:
-            t = track.t_s
-            xy = track.p_world[:, :2] - origin
-            rows = list(zip(t.tolist(), xy.tolist(), strict=True))
-            if t[0] > 0:
-                rows.insert(0, (0.0, xy[0].tolist()))
-            if t[-1] < duration_s:
-                rows.append((duration_s, xy[-1].tolist()))
-            writer.writerows([track.id, f"{at:.3f}", f"{x:.3f}", f"{y:.3f}"] for at, (x, y) in rows)
+            for t, (x, y) in zip(track.t_s.tolist(), track.p_world[:, :2].tolist(), strict=True):
+                writer.writerow([track.id, f"{t:.3f}", f"{x:.3f}", f"{y:.3f}"])
 
 
 def _region(index: int, place: BusyRegion, origin: Array, settings: TrafficRegions) -> Region:
@@ -186,13 +197,13 @@ def _agent(index: int, place: BusyRegion, origin: Array, traffic: TrafficSetting
 
 
 def _target(index: int, track: Track, file: Path) -> TargetSettings:
-    steps = np.linalg.norm(np.diff(track.p_world[:, :2], axis=0), axis=1) / np.diff(track.t_s)
+    fastest = float(TrackPath.of(track).speeds().max())  # between the fixes too, as it will be driven
     return TargetSettings(
         name=f"car_{index}",
         motion=TrackTarget(kind="track", file=file, format="csv", id=track.id),
         size_m=_CAR_M,
         features_m=_ROOF_M,
-        v_max_mps=round(1.1 * float(steps.max()), 2),
+        v_max_mps=round(1.01 * fastest + 0.01, 2),
         w_max_radps=_W_MAX_RADPS,
     )
 
