@@ -1,7 +1,7 @@
 """Boxes in an image, and how far two of them agree.
 
-Coordinates are continuous and count from the top left corner of the image: pixel column i covers [i, i + 1). The centre of
-pixel (0, 0) is at (0.5, 0.5).
+Coordinates are continuous and count from the top left corner of the image: pixel column i covers [i, i + 1). The
+centre of pixel (0, 0) is at (0.5, 0.5).
 """
 
 from __future__ import annotations

@@ -126,7 +126,9 @@ def peak_to_sidelobe(response: Array, sigma: tuple[float, float]) -> float:
     sigma : width of the wanted peak, rows and columns, samples; three of them around the peak do not count as rest
     """
     row, column = np.unravel_index(int(np.argmax(response)), response.shape)
-    near = [np.abs(signed(n)) <= min(3.0 * s + 1.0, 0.25 * n) for n, s in zip(response.shape, sigma, strict=True)]
+    near = [
+        np.abs(signed(n)) <= min(3.0 * s + 1.0, 0.25 * n) for n, s in zip(response.shape, sigma, strict=True)
+    ]
     rest = response[~(np.roll(near[0], row)[:, None] & np.roll(near[1], column)[None, :])]
     spread = float(np.std(rest))
     return float((response[row, column] - np.mean(rest)) / spread) if spread > 1e-12 else 0.0

@@ -7,8 +7,8 @@
 | E | energy of a cell: sum over 9 of (h_o + h_{o+9})^2 | cells |
 | N | the four normalisers of a cell, 1 / sqrt(E over 2 x 2 cells) | 4 |
 
-The features of a cell: 18 signed and 9 unsigned orientations, each the mean of the four normalised votes cut at 0.2 times
-two, and 4 texture energies. Departures: the cells at the border are kept (their energies repeat outwards), so that the
+The features of a cell: 18 signed and 9 unsigned orientations, each half the sum of its four normalised votes cut at
+0.2, and 4 texture energies. Departures: the cells at the border are kept (their energies repeat outwards), so that the
 features have the size of the patch; a gradient half-way between two orientations votes for the larger angle.
 """
 
@@ -64,7 +64,7 @@ def hog(patch: Image, cell: int) -> Features:
 
 
 @njit(cache=True)
-def _share(n, cell):  # type: ignore[no-untyped-def]
+def _share(n: int, cell: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Lower of the two nearest cells of each pixel, counted with the rim, and the share of the upper one."""
     lower, share = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.float32)
     for i in range(n):
@@ -75,7 +75,7 @@ def _share(n, cell):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _vote(patch, cell, table, votes):  # type: ignore[no-untyped-def]
+def _vote(patch: Image, cell: int, table: NDArray[np.uint8], votes: Features) -> None:
     """Add each pixel's gradient to the four nearest cells."""
     height, width, channels = patch.shape
     row_of, row_share = _share((votes.shape[0] - 2) * cell, cell)
@@ -107,7 +107,7 @@ def _vote(patch, cell, table, votes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _normalise(votes, out):  # type: ignore[no-untyped-def]
+def _normalise(votes: Features, out: Features) -> None:
     """Votes to features."""
     rows, columns = out.shape[0], out.shape[1]
     energy = np.empty((rows + 2, columns + 2), dtype=np.float32)

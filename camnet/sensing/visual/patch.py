@@ -66,7 +66,9 @@ def shrink(image: Image, centre: Array, size: Array, block: int) -> tuple[Image,
     if block <= 1:
         return image, np.zeros(2), 1
     height, width = image.shape[:2]
-    first = np.clip(np.floor((centre - 0.5 * size) / block - 1).astype(int), 0, [width // block, height // block])
+    first = np.clip(
+        np.floor((centre - 0.5 * size) / block - 1).astype(int), 0, [width // block, height // block]
+    )
     last = np.ceil((centre + 0.5 * size) / block + 1).astype(int)
     last = np.clip(last, first + 1, np.maximum([width // block, height // block], first + 1))
     (left, top), (right, bottom) = first * block, last * block

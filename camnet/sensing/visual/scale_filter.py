@@ -1,5 +1,6 @@
-"""One-dimensional correlation filter over the size of the target (Danelljan et al., Discriminative Scale Space Tracking,
-TPAMI 39(8), 2017, sections 4.2 and 5.2).
+"""One-dimensional correlation filter over the size of the target.
+
+Danelljan et al., Discriminative Scale Space Tracking, TPAMI 39(8), 2017: the fast variant of the scale filter.
 
 | symbol | name | shape |
 | --- | --- | --- |
@@ -9,6 +10,9 @@ TPAMI 39(8), 2017, sections 4.2 and 5.2).
 | u | template: running mean of f | D x S |
 | P | orthonormal basis of the columns of u: loses nothing, as u has only S columns | D x S |
 | A, B | numerator and denominator, as for the translation | S x S, S |
+
+Departure: each feature's mean over the scales is removed before the window, which would draw every change towards none
+(measured on a scene that shrinks 4 times over 350 images: final size 2.6 % too large instead of 3.1 %).
 """
 
 from __future__ import annotations
@@ -87,7 +91,9 @@ def sample(image: Image, centre: Array, size: Array, grid: ScaleGrid, cell: int)
     small, origin, block = shrink(image, centre, size * float(np.max(grid.factors)), block)
     at, step = (centre - origin) / block, size / (pixels * block)
     columns = [hog(resample(small, at, step * factor, grid.shape), cell).ravel() for factor in grid.factors]
-    return np.asarray(np.stack(columns, axis=1) * grid.window, dtype=float)
+    features = np.stack(columns, axis=1).astype(float)
+    mean = features @ grid.window / np.sum(grid.window)
+    return np.asarray((features - mean[:, None]) * grid.window)
 
 
 def learn(model: ScaleModel | None, features: Array, grid: ScaleGrid, rate: float) -> ScaleModel:

@@ -26,7 +26,7 @@ class ScaleSettings(Settings):
     sigma_factor: Positive = 1.0 / 16.0
     regularisation: Positive = 0.01
     learning_rate: _Rate = 0.025
-    cell_px: Annotated[int, Field(ge=1, le=4)] = 4
+    cell_px: Annotated[int, Field(ge=1, le=4)] = 2
     model_area_px: Annotated[int, Field(ge=64, le=16384)] = 512
 
 
@@ -35,7 +35,9 @@ class CorrelationSettings(Settings):
 
     ``padding`` is the width of the context relative to the target, so that the patch is ``1 + padding`` targets wide;
     ``sigma_factor`` the width of the wanted response relative to the target. The patch is brought to a
-    size at which the target has an area between ``min_target_px`` and ``max_target_px``.
+    size at which the target has an area between ``min_target_px`` and ``max_target_px``. Below a
+    peak-to-sidelobe ratio of ``min_psr`` the target counts as lost: nothing is learnt and the box stays where it was
+    sought.
     """
 
     padding: Annotated[float, Field(gt=0, le=8)] = 2.0
@@ -46,5 +48,5 @@ class CorrelationSettings(Settings):
     learning_rate: _Rate = 0.025
     min_target_px: Annotated[int, Field(ge=64)] = 400
     max_target_px: Annotated[int, Field(ge=256, le=1_000_000)] = 10_000
-    min_peak: NonNegative = 0.0
+    min_psr: NonNegative = 15.0
     scale: ScaleSettings = ScaleSettings()

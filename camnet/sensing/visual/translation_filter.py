@@ -1,15 +1,16 @@
-"""Two-dimensional correlation filter on compressed features (Danelljan et al., Discriminative Scale Space Tracking, TPAMI
-39(8), 2017, sections 3.1 and 5.1).
+"""Two-dimensional correlation filter on compressed features.
 
-| symbol | name | shape | equation there |
+Danelljan et al., Discriminative Scale Space Tracking, TPAMI 39(8), 2017: the fast variant of the translation filter.
+
+| symbol | name | shape | tag |
 | --- | --- | --- | --- |
 | f | windowed features of the new patch | cells x 31 | |
-| u | template: running mean of f | cells x 31 | (9) |
-| P | projection on the principal directions of u | 31 x d | (10) |
-| G | transform of the wanted response | cells | (2) |
-| A | conj(G) times the transforms of P'u, conjugate | d x cells | (7a), (11a) |
-| B | running sum of the energies of the transforms of P'f | cells | (7b), (11b) |
-| Y | transform of the response to a patch z: sum_l conj(A_l) Z_l / (B + lambda) | cells | (6), (12) |
+| u | template: running mean of f | cells x 31 | (T1) |
+| P | projection on the principal directions of u | 31 x d | (T2) |
+| G | transform of the wanted response | cells | |
+| conj(A) | G times the conjugate transforms of P'u | d x cells | (T3) |
+| B | running sum of the energies of the transforms of P'f | cells | (T4) |
+| Y | transform of the response to a patch z: sum_l conj(A_l) Z_l / (B + lambda) | cells | (T5) |
 
 Half spectra of real signals are kept throughout. Departure: the window is applied before the principal
 directions are found, so that they serve the target rather than its surroundings.
@@ -68,20 +69,22 @@ def learn(
     components : number d of principal directions
     rate : weight of the new patch
     """
-    template = features if model is None else _mix(model.template, features, rate)  # (9)
-    projection = principal_directions(template, components)  # (10)
+    template = features if model is None else _mix(model.template, features, rate)  # (T1)
+    projection = principal_directions(template, components)  # (T2)
     mean = _transform(template, projection)
-    numerator = np.conj(mean) * label  # (11a)
+    numerator = np.conj(mean) * label  # (T3)
     new = mean if model is None else _transform(features, projection)
     energy = np.sum(new.real**2 + new.imag**2, axis=0)
-    denominator = energy if model is None else _mix(model.denominator, energy, rate)  # (11b)
+    denominator = energy if model is None else _mix(model.denominator, energy, rate)  # (T4)
     return TranslationModel(template, projection, numerator, denominator)
 
 
 def respond(model: TranslationModel, features: Features, regularisation: float) -> _Complex:
-    """Half spectrum of the response to the windowed features of a patch (12)."""
+    """Half spectrum of the response to the windowed features of a patch (T5)."""
     z = _transform(features, model.projection)
-    return np.asarray(np.einsum("drc,drc->rc", model.numerator, z) / (model.denominator + np.float32(regularisation)))
+    return np.asarray(
+        np.einsum("drc,drc->rc", model.numerator, z) / (model.denominator + np.float32(regularisation))
+    )
 
 
 def principal_directions(template: Features, components: int) -> Features:
