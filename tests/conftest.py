@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+
+# Two processes that compile one kernel at the same time can leave a cache that Numba then misreads ("descr is NULL"):
+# each worker of pytest-xdist keeps a cache of its own. This must be set before Numba is imported.
+if _worker := os.environ.get("PYTEST_XDIST_WORKER"):
+    _cache = Path(__file__).resolve().parent.parent / ".pytest_cache" / f"numba-{_worker}"
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(_cache))
 
 import pytest
 from hypothesis import settings

@@ -46,6 +46,8 @@ def run_and_write(args: argparse.Namespace, scenario: Scenario, folder: Path) ->
     wanted = [s for s in seeds if not _finished(folder, scenario, s)]
     if len(wanted) < len(seeds):
         say(f"{len(seeds) - len(wanted)} of {len(seeds)} seeds are there already and are kept")
+    if wanted:
+        _compile(scenario)
     context = multiprocessing.get_context("spawn")
     with progress_bar(len(seeds), "seeds", "seeds", args.quiet) as advance:
         advance(len(seeds) - len(wanted))
@@ -68,6 +70,14 @@ def run_and_write(args: argparse.Namespace, scenario: Scenario, folder: Path) ->
         _print(content)
     say(f"wrote {folder}")
     return 0
+
+
+def _compile(scenario: Scenario) -> None:
+    """Run a moment here, so that the workers find every kernel compiled: Numba's cache has no lock."""
+    from camnet.simulation.run import run_network
+
+    moment = scenario.run.model_copy(update={"duration_s": 1.0})
+    run_network(scenario.model_copy(update={"run": moment}), scenario.seed)
 
 
 def _one(scenario: Scenario, seed: int, folder: str) -> None:
