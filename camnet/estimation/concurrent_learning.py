@@ -46,6 +46,10 @@ __all__ = ["SWITCHING", "MotionModel", "correct_pose", "implicit_step", "make_ru
 SWITCHING = {"sign": 0, "sat": 1, "tanh": 2}
 #: rank-one changes after which the inverse of the implicit step is computed afresh
 REFRESH_EVERY = 500
+#: cosine between two regressors from which on they are of the same place
+ALIKE = 0.5
+#: activation below which a kernel has never been reached, s^2
+TINY = 1e-12
 #: width of the projection's boundary layer as a share of the weight bound
 LAYER_SHARE = 0.05
 
@@ -218,6 +222,27 @@ class MotionModel:
             self._changes = 0
             self._inverse = self._exact_inverse(self._dt)
         return True
+
+    def forget(self, row: Array, before_s: float) -> int:
+        """Drop the windows of places like ``row`` (p,) offered before ``before_s``; returns how many.
+
+        Weights of kernels that lose data fade in proportion, so that the support there falls with it.
+        """
+        dropped, present = 0, self.psi.diagonal().copy()
+        for stack in (self.integral, self.instantaneous):
+            length = np.linalg.norm(stack.rows, axis=1) * np.linalg.norm(row)
+            alike = (stack.rows @ row > ALIKE * length) & (stack.entered_s < before_s)
+            if alike.any():
+                stack.forget(alike)
+                dropped += int(alike.sum())
+        if dropped:
+            a = self._settings.alpha
+            self._moment = a * self.integral.moment + (1.0 - a) * self.instantaneous.moment
+            self._inverse = self._exact_inverse(self._dt)
+            left = self.psi.diagonal() / np.maximum(present, TINY)
+            self.weights = self.weights * np.where(present > TINY, np.minimum(left, 1.0), 1.0)[:, None]
+            self._changes = 0
+        return dropped
 
     def _touch(self, row: Array) -> None:
         """Give every kernel that occurs in ``row`` for the first time its own row of the inverse."""

@@ -8,6 +8,7 @@ across the gap, and offers them to the memory in force (the gap's windows to the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,8 +27,14 @@ __all__ = ["Learner", "OutlierGate", "RegionMemory"]
 
 #: windows refused in a row as outliers before the target is believed to have changed its ways
 CHANGE_AFTER = 5
+#: the same for windows that are merely suspect
+SUSPECT_AFTER = 10
+#: at most this many times the mean square counts of a suspect window's square
+SUSPECT_COUNTS = 2.0
 #: share of a new residual in the running mean square
 RESIDUAL_SHARE = 0.05
+#: residuals of windows below this are never far, (m/s)^2 and (rad/s)^2
+RESIDUAL_FLOOR = 1e-6
 #: the gate judges a window only where the model answers for the motion to within this
 KNOWN_WITHIN = 0.1
 #: eigenvalues for the diagnostics are computed at most this often, s
@@ -35,16 +42,25 @@ EIGENVALUE_PERIOD_S = 5.0
 
 
 class OutlierGate:
-    """Refuses windows whose residual is far from the recent ones; gives in after several refusals in a row."""
+    """Refuses windows far from what the model says, and notes when the target has changed its ways.
+
+    A window is far beyond ``gate`` times the recent root mean square residual, and suspect from half of that on. Far
+    windows are refused; when ``CHANGE_AFTER`` far or ``SUSPECT_AFTER`` suspect ones come in a row, the target has
+    changed. ``changed_s`` is when that run began (inf while nothing has changed); it stays, and everything passes,
+    until ``CHANGE_AFTER`` windows in a row agree with the model again. ``changes`` counts the runs.
+    """
 
     def __init__(self, gate: float) -> None:
         self._gate = gate
         self._mean_square = np.array([math.inf, math.inf])
-        self._refused_in_a_row = 0
+        self._far_run, self._suspect_run, self._agreed = 0, 0, 0
+        self._run_began_s = math.inf
+        self.changed_s = math.inf
         self.refused = 0
+        self.changes = 0
 
-    def passes(self, row: Array, increment: Array, weights: Array) -> bool:
-        """Whether the window (row (p,), increment (8,)) agrees with the weights (p, 8), where they know anything."""
+    def passes(self, row: Array, increment: Array, weights: Array, t_s: float = 0.0) -> bool:
+        """Whether the window (row (p,), increment (8,)) may enter beside the weights (p, 8)."""
         residual = increment - row @ weights
         duration = increment[UNIT]
         if abs(residual[UNIT]) > KNOWN_WITHIN * duration:
@@ -53,14 +69,41 @@ class OutlierGate:
         if not np.isfinite(self._mean_square).all():
             self._mean_square = r
             return True
-        far = bool((r > self._gate**2 * self._mean_square + 1e-6).any())
-        if far and self._refused_in_a_row < CHANGE_AFTER:
-            self._refused_in_a_row += 1
-            self.refused += 1
+        far = bool((r > self._gate**2 * self._mean_square + RESIDUAL_FLOOR).any())
+        suspect = far or bool((r > (0.5 * self._gate) ** 2 * self._mean_square + RESIDUAL_FLOOR).any())
+        if not far:
+            # a suspect window counts little, so that a slow change is not taken for noise
+            share = np.minimum(r, SUSPECT_COUNTS * self._mean_square) if suspect else r
+            self._mean_square += RESIDUAL_SHARE * (share - self._mean_square)
+        return self._judge(far, suspect, t_s)
+
+    def _judge(self, far: bool, suspect: bool, t_s: float) -> bool:
+        if suspect and self._suspect_run == 0:
+            self._run_began_s = t_s
+        self._suspect_run = self._suspect_run + 1 if suspect else 0
+        self._far_run = self._far_run + 1 if far else 0
+        self._agreed = 0 if suspect else self._agreed + 1
+        if self._agreed >= CHANGE_AFTER:
+            self.changed_s = math.inf
+        if math.isfinite(self.changed_s):
+            return True
+        if self._far_run > CHANGE_AFTER or self._suspect_run > SUSPECT_AFTER:
+            self.changes += 1
+            self.changed_s = self._run_began_s
+            return True
+        self.refused += far
+        return not far
+
+    def contradicts(
+        self, row: Array, increment: Array, weight: float, path_std_mps: float, weights: Array
+    ) -> bool:
+        """Whether a window of a reconstructed path is suspect, given the path's own uncertainty."""
+        residual = increment - row @ weights
+        duration = increment[UNIT]
+        if abs(residual[UNIT]) > KNOWN_WITHIN * duration or not math.isfinite(self._mean_square[0]):
             return False
-        self._refused_in_a_row = 0
-        self._mean_square += RESIDUAL_SHARE * (r - self._mean_square)
-        return True
+        variance = 3.0 * path_std_mps**2 * (1.0 / weight - 1.0) + self._mean_square[0]
+        return bool(residual[0:3] @ residual[0:3] > (0.5 * self._gate) ** 2 * variance * duration**2)
 
 
 class RegionMemory:
@@ -68,12 +111,41 @@ class RegionMemory:
 
     def __init__(self, settings: EstimatorSettings, kernels: int, dt_s: float) -> None:
         self._alpha = settings.alpha
+        self._forgetting = settings.stack.forgetting
+        self._path_std_mps = settings.gap.path_std_mps
+        self.forgotten = 0
         self.model = MotionModel(settings, kernels, dt_s)
         self.radius = ErrorRadius()
         self.gate = OutlierGate(settings.stack.outlier_gate)
         self.last_in_force_s = 0.0
         self._checked_s = -math.inf
         self._lambda_min, self._lambda_min_visited = 0.0, 0.0
+
+    def learn(self, t_s: float, row: Array, increment: Array) -> None:
+        """Offer a measured window to the stack if the gate lets it; after a change, what it contradicts goes first."""
+        if not self.gate.passes(row, increment, self.model.weights, t_s):
+            return
+        if self._forgetting and math.isfinite(self.gate.changed_s):
+            self.forgotten += self.model.forget(row, self.gate.changed_s)
+        self.model.learn_window(t_s, row, increment)
+
+    def learn_path(self, t_s: float, began_s: float, windows: Sequence[tuple[Array, Array, float]]) -> None:
+        """Offer the windows of a path across a gap that began at ``began_s``.
+
+        If most of them contradict what was learned of the gap before, that goes first.
+        """
+        against = sum(
+            self.gate.contradicts(*window, self._path_std_mps, self.model.weights) for window in windows
+        )
+        if self._forgetting and 2 * against > len(windows):
+            for row, _, _ in windows:
+                self.forgotten += self.model.forget(row, began_s)
+        for row, increment, weight in windows:
+            self.model.learn_window(t_s, row, increment, weight)
+            if self._alpha < 1.0:
+                # mean sigma and mean rate over the window: plain concurrent learning's entry for the same path
+                duration = increment[UNIT]
+                self.model.learn_rate(t_s, row / duration, increment / duration, weight)
 
     def diagnostics(self, t_s: float) -> dict[str, float]:
         """Sizes, eigenvalues (at most ``EIGENVALUE_PERIOD_S`` old), excitation and weight norm."""
@@ -90,6 +162,8 @@ class RegionMemory:
             "excited_s": excited,
             "weight_norm": float(np.linalg.norm(self.model.weights[:, :UNIT])),
             "outliers": float(self.gate.refused),
+            "changes": float(self.gate.changes),
+            "forgotten": float(self.forgotten),
         }
 
 
@@ -138,8 +212,7 @@ class Learner:
             history.push_and_fit(t_s, p, q, motion)
         window = self._windows.push(t_s, p, q, sigma)
         if window is not None:
-            if memory.gate.passes(*window, memory.model.weights):
-                memory.model.learn_window(t_s, *window)
+            memory.learn(t_s, *window)
             if self._settings.alpha < 1.0:
                 self._learn_rate(t_s, q, memory)
         if self._gap is not None and t_s - self._gap.entry_s >= self._settings.gap.entry_s:
@@ -167,10 +240,5 @@ class Learner:
         windows = gap_windows(
             gap.exit, entry, self._basis, self._settings.stack.window_s, self._stacked, self._settings.gap
         )
-        for row, increment, weight in windows:
-            gap.memory.model.learn_window(t_s, row, increment, weight)
-            if self._settings.alpha < 1.0:
-                # mean sigma and mean rate over the window: plain concurrent learning's entry for the same path
-                duration = increment[UNIT]
-                gap.memory.model.learn_rate(t_s, row / duration, increment / duration, weight)
+        gap.memory.learn_path(t_s, gap.exit.t_s, windows)
         self.gaps_learned += bool(windows)

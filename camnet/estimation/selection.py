@@ -43,6 +43,9 @@ class SelectionRule(Protocol):
     def replaced(self, index: int, old: Array, row: Array, rows: Array, gram: Array) -> None:
         """``row`` took the place of ``old``."""
 
+    def rebuilt(self, rows: Array, gram: Array) -> None:
+        """Entries were dropped; ``rows`` (n, p) are left."""
+
     def choose(self, row: Array, rows: Array, gram: Array) -> int:
         """Index of the entry that should give way, or -1 to refuse the candidate."""
 
@@ -56,6 +59,9 @@ class SmallestEigenvalueRule:
         """Nothing to keep."""
 
     def replaced(self, index: int, old: Array, row: Array, rows: Array, gram: Array) -> None:
+        """Nothing to keep."""
+
+    def rebuilt(self, rows: Array, gram: Array) -> None:
         """Nothing to keep."""
 
     def choose(self, row: Array, rows: Array, gram: Array) -> int:
@@ -99,10 +105,12 @@ class DOptimalRule:
     def _count(self, rows: Array, gram: Array) -> None:
         self._changes += 1
         if self._changes % REFRESH_EVERY == 0:
-            self._inverse = np.asarray(
-                np.linalg.inv(gram + self._delta * np.eye(len(gram))), dtype=np.float64
-            )
-            self._leverage[: len(rows)] = np.einsum("ij,jk,ik->i", rows, self._inverse, rows, optimize=True)
+            self.rebuilt(rows, gram)
+
+    def rebuilt(self, rows: Array, gram: Array) -> None:
+        """See ``SelectionRule.rebuilt``."""
+        self._inverse = np.asarray(np.linalg.inv(gram + self._delta * np.eye(len(gram))), dtype=np.float64)
+        self._leverage[: len(rows)] = np.einsum("ij,ij->i", rows @ self._inverse, rows)
 
 
 def replacement_gains(inverse: Array, leverage: Array, rows: Array, row: Array) -> Array:

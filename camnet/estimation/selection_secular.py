@@ -128,6 +128,11 @@ class SecularEigenvalueRule:
         self._fallback.replaced(index, old, row, rows, gram)
         self._present = self._proposed
 
+    def rebuilt(self, rows: Array, gram: Array) -> None:
+        """See ``SelectionRule.rebuilt``."""
+        self._fallback.rebuilt(rows, gram)
+        self._present = None
+
     def choose(self, row: Array, rows: Array, gram: Array) -> int:
         """See ``SelectionRule.choose``."""
         self._proposed = None

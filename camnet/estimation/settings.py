@@ -36,7 +36,8 @@ class StackSettings(Settings):
     eigenvalue is below rounding; ``lambda_min_naive`` is the printed rule by brute force.
     Each end of a window is the mean of ``average`` poses: the mean of that many windows, each shifted by one sample,
     is a window equation itself, and its noise is smaller. ``outlier_gate`` is in standard deviations of the recent
-    window residuals.
+    window residuals. With ``forgetting``, a run of windows beyond the gate is taken for a change of the target's ways,
+    and what contradicts it nearby leaves the stack.
     """
 
     size: Annotated[int, Field(gt=0)] = 600
@@ -46,6 +47,7 @@ class StackSettings(Settings):
     excitation_threshold: Positive = 1e-3
     regularisation: Positive = 1e-3
     outlier_gate: Positive = 6.0
+    forgetting: bool = True
 
 
 class GapSettings(Settings):

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from camnet.estimation.selection import SelectionRule
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
 __all__ = ["Change", "HistoryStack"]
 
@@ -50,6 +50,7 @@ class HistoryStack:
         self._threshold = excitation_threshold
         self._rows = np.zeros((capacity, size))
         self._increments = np.zeros((capacity, outputs))
+        self._entered_s = np.zeros(capacity)
         self.gram = np.zeros((size, size))
         self.moment = np.zeros((size, outputs))
         self.count = 0
@@ -67,6 +68,11 @@ class HistoryStack:
     def increments(self) -> Array:
         """The (n, m) increments held."""
         return self._increments[: self.count]
+
+    @property
+    def entered_s(self) -> Array:
+        """Time (n,) at which each window held was offered, s."""
+        return self._entered_s[: self.count]
 
     @property
     def rule_name(self) -> str:
@@ -92,9 +98,23 @@ class HistoryStack:
             change = ((y, 1.0), (old, -1.0))
             self._write(index, y, d)
             self._rule.replaced(index, old, y, self.rows, self.gram)
+        self._entered_s[index] = t_s
         self._stale = True
         self._check_excitation(t_s)
         return change
+
+    def forget(self, entries: BoolArray) -> None:
+        """Drop the windows marked in ``entries`` (n,); sums, books and the excitation time start from what is left."""
+        keep = np.flatnonzero(~entries)
+        n = len(keep)
+        for array in (self._rows, self._increments, self._entered_s):
+            array[:n] = array[keep]
+        self.count = n
+        self.gram[:] = self.rows.T @ self.rows
+        self.moment[:] = self.rows.T @ self.increments
+        self._rule.rebuilt(self.rows, self.gram)
+        self.excited_s = math.inf
+        self._stale = True
 
     def _write(self, index: int, y: Array, d: Array) -> None:
         self._rows[index] = y
