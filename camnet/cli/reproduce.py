@@ -28,10 +28,15 @@ class Experiment:
 
 EXPERIMENTS = {
     "motion-learning": Experiment(
-        "camnet.experiments.motion_learning", "a robot seen now and then by a fixed camera (parikh2018, VII-A)", 10
+        "camnet.experiments.motion_learning",
+        "a robot seen now and then by a fixed camera (parikh2018, VII-A)",
+        10,
     ),
     "pedestrians": Experiment(
-        "camnet.experiments.pedestrians", "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)", 1, True
+        "camnet.experiments.pedestrians",
+        "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",
+        1,
+        True,
     ),
     "adate-table": Experiment(
         "camnet.experiments.adate_table", "AdaTE beside Kalman filters, six groups (li2019)", 20

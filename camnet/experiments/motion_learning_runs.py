@@ -1,0 +1,117 @@
+"""Runs of the motion-learning experiment, one seed each: in two processes, kept on disk as they finish.
+
+A seed's result is a file whose folder's name is a digest of the package's sources: a run that was stopped goes on where
+it was, more seeds add to those there, and nothing of an older program is taken for a result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import camnet
+from camnet.experiments.motion_learning_rows import Trace, build_rows, follow, score
+from camnet.experiments.motion_learning_scene import Recording, SceneSettings, record
+
+__all__ = ["digest", "run_seed", "run_seeds", "trace_file"]
+
+#: every how many frames a pose is kept for the figures
+KEEP_EVERY = 6
+WORKERS = 2
+
+
+def digest(scene: SceneSettings) -> str:
+    """Return a short digest of the scene and of every source file of the package."""
+    total = hashlib.sha256(scene.model_dump_json().encode())
+    for path in sorted(Path(camnet.__file__).parent.rglob("*.py")):
+        total.update(path.read_bytes())
+    return total.hexdigest()[:16]
+
+
+def trace_file(folder: Path, seed: int) -> Path:
+    """Where the poses of one seed are kept for the figures."""
+    return folder / f"seed-{seed}.npz"
+
+
+def run_seed(seed: int, scene: SceneSettings, folder: Path | None, keep_trace: bool) -> dict[str, Any]:
+    """Errors of every row for one seed, from ``folder`` if they are there already."""
+    if folder is not None and _is_kept(folder, seed, keep_trace):
+        return dict(json.loads(_result_file(folder, seed).read_text(encoding="utf-8")))
+    recording = record(scene, seed)
+    rows = build_rows(recording, scene)
+    traces = follow(recording, rows)
+    result = {
+        "seed": seed,
+        "visible_share": float(np.mean([m is not None for m in recording.measurements])),
+        "rows": {name: score(recording, trace) for name, trace in traces.items()},
+        "diagnostics": {
+            name: {k: v for k, v in row.diagnostics().items() if np.isfinite(v)} for name, row in rows.items()
+        },
+    }
+    if folder is not None:
+        if keep_trace:
+            _write_trace(trace_file(folder, seed), recording, traces)
+        temporary = _result_file(folder, seed).with_suffix(".partial")
+        temporary.write_text(json.dumps(result, allow_nan=False), encoding="utf-8")
+        temporary.replace(_result_file(folder, seed))
+    return result
+
+
+def _result_file(folder: Path, seed: int) -> Path:
+    return folder / f"seed-{seed}.json"
+
+
+def _is_kept(folder: Path, seed: int, with_trace: bool) -> bool:
+    there = _result_file(folder, seed).is_file()
+    return there and (not with_trace or trace_file(folder, seed).is_file())
+
+
+def _write_trace(path: Path, recording: Recording, traces: Mapping[str, Trace]) -> None:
+    """Truth and estimates at every `KEEP_EVERY`-th frame."""
+    seen = np.array([m is not None for m in recording.measurements])
+    arrays: dict[str, Any] = {"t_s": recording.t_s, "seen": seen}
+    arrays |= {"truth.p_world": recording.p_world, "truth.q_world": recording.q_world}
+    for name, trace in traces.items():
+        arrays |= {f"{name}.p_world": trace.p_world, f"{name}.q_world": trace.q_world}
+    np.savez(path, **{name: value[::KEEP_EVERY] for name, value in arrays.items()})
+
+
+def run_seeds(
+    seeds: Sequence[int],
+    scene: SceneSettings,
+    folder: Path | None,
+    progress: Callable[[float], None] | None,
+    workers: int = WORKERS,
+) -> list[dict[str, Any]]:
+    """Results in the order of ``seeds``; the first seed's poses are kept for the figures.
+
+    Each seed has its own generators, so results do not depend on how many processes share the work.
+    """
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    job = partial(run_seed, scene=scene, folder=folder)
+    done: dict[int, dict[str, Any]] = {}
+
+    def note(seed: int, result: dict[str, Any]) -> None:
+        done[seed] = result
+        if progress is not None:
+            progress(len(done) / len(seeds))
+
+    if workers == 1 or len(seeds) == 1:
+        for seed in seeds:
+            note(seed, job(seed, keep_trace=seed == seeds[0]))
+    else:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+            jobs = {pool.submit(job, seed, keep_trace=seed == seeds[0]): seed for seed in seeds}
+            for finished in as_completed(jobs):
+                note(jobs[finished], finished.result())
+    return [done[seed] for seed in seeds]
