@@ -42,15 +42,11 @@ def plot_tracks(data: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         for method in _SHOWN:
             if method in group["tracks"]:
                 axis.plot(*group["tracks"][method].smoothed[:, :2].T, lw=1.2, label=method)
-        low, high = group["truth"][:, :2].min(axis=0) - 40.0, group["truth"][:, :2].max(axis=0) + 40.0
-        axis.set(
-            title=name.replace("_", ", "),
-            xlabel="x (m)",
-            ylabel="y (m)",
-            xlim=(low[0], high[0]),
-            ylim=(low[1], high[1]),
-        )
-        axis.set_aspect("equal", adjustable="datalim")
+        low, high = group["truth"][:, :2].min(axis=0), group["truth"][:, :2].max(axis=0)
+        centre, half = 0.5 * (low + high), 0.55 * float((high - low).max()) + 20.0
+        axis.set(title=name.replace("_", ", "), xlabel="x (m)", ylabel="y (m)", aspect="equal")
+        axis.set_xlim(centre[0] - half, centre[0] + half)
+        axis.set_ylim(centre[1] - half, centre[1] + half)
     axes[0].legend(fontsize=8)
     figure.savefig(path, dpi=110)
 

@@ -7,9 +7,9 @@ B is interpolated over the step by the polynomial that has its exact value and s
     B_v(sig) = a sig + b sig^2 + c sig^3,   B_x(sig) = a/2 sig^2 + b sig^3 + c sig^4,   sig = tau - s
     a = g(end),   B(tau) = Phi[:, p cT],   B'(tau) = Phi[:, v] g(start)
 
-and the integral is taken by the four-point Gauss-Legendre rule (with B from the flow at every node where the squared speed
-changes by more than a factor of two in the step): a sum of squares, of full rank while the body moves. A small isotropic
-density on the velocity keeps it positive definite at rest, where power and steering act on nothing.
+and the integral is taken by the four-point Gauss-Legendre rule (with B from the flow at every node where the squared
+speed changes by more than a factor of two in the step): a sum of squares, of full rank while the body moves. A small
+isotropic density on the velocity keeps it positive definite at rest, where power and steering act on nothing.
 
 **Departure.** (78)-(79) drop powers of tau (and 1 - E where E is meant) and give indefinite matrices; the integral (72)
 itself is evaluated here.

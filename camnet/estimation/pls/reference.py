@@ -48,7 +48,7 @@ def derivative(s: Array, tau_s: float, alpha: float, beta: float) -> Array:
 def simulate(
     model: PowerLimitedSteering, s: Array, tau_s: float, count: int, substeps: int, rng: np.random.Generator
 ) -> Array:
-    """Draw ``count`` end states (count,10) of the stochastic system (14) by Heun's method, from ``s`` (10,) or (count,10).
+    """Draw ``count`` end states (count,10) of the system (14) by Heun's method, from ``s`` (10,) or (count,10).
 
     Bodies must not come near rest: the drift is singular there.
     """
