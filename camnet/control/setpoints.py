@@ -6,6 +6,7 @@ fly there.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ class Setpoint(NamedTuple):
     gaze: Array
 
 
+@lru_cache(maxsize=256)
 def half_angle(camera: CameraModel) -> float:
     """Smallest half-angle of the field of view, rad: from the principal point to the nearest image border."""
     k = camera.intrinsics

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from camnet.geometry.rotations_compiled import angle_between
 from camnet.types import Array, TargetEstimate
@@ -22,31 +23,44 @@ def finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-@dataclass(slots=True)
+@njit(cache=True)
+def _pose_error(p_hat: Array, q_hat: Array, p: Array, q: Array) -> tuple[float, float]:
+    """Distance, m, and angle, rad, between two poses."""
+    square = 0.0
+    for k in range(3):
+        square += (p_hat[k] - p[k]) ** 2
+    return math.sqrt(square), angle_between(q_hat, q)
+
+
 class ErrorRecord:
     """Position (m) and orientation (rad) errors of one estimator, one sample per sensing instant."""
 
-    lap: list[int] = field(default_factory=list)
-    seen: list[bool] = field(default_factory=list)
-    position_m: list[float] = field(default_factory=list)
-    angle_rad: list[float] = field(default_factory=list)
+    def __init__(self) -> None:
+        self._samples: list[tuple[int, bool, float, float]] = []
 
     def add(self, lap: int, seen: bool, estimate: TargetEstimate, p_world: Array, q_world: Array) -> None:
         """Record one instant; nothing is recorded before the first sighting."""
-        if not math.isfinite(estimate.last_seen_s):
-            return
-        d = estimate.p_world - p_world
-        self.lap.append(lap)
-        self.seen.append(seen)
-        self.position_m.append(math.sqrt(float(d @ d)))
-        self.angle_rad.append(float(angle_between(estimate.q_world, q_world)))
+        if math.isfinite(estimate.last_seen_s):
+            errors = _pose_error(estimate.p_world, estimate.q_world, p_world, q_world)
+            self._samples.append((lap, seen, *errors))
+
+    @property
+    def latest_m(self) -> float:
+        """Position error of the last sample, m (0 before the first)."""
+        return self._samples[-1][2] if self._samples else 0.0
+
+    @staticmethod
+    def pooled(records: Iterable[ErrorRecord]) -> ErrorRecord:
+        """Return one record with the samples of all."""
+        pool = ErrorRecord()
+        for record in records:
+            pool._samples += record._samples
+        return pool
 
     def summary(self) -> dict[str, Any]:
         """RMSE of position (m) and orientation (deg): seen, unseen from lap 3 on, unseen on the first lap."""
-        lap = np.array(self.lap, dtype=int)
-        seen = np.array(self.seen, dtype=bool)
-        position = np.array(self.position_m)
-        angle = np.degrees(np.array(self.angle_rad))
+        table = np.array(self._samples, dtype=float).reshape(-1, 4)
+        lap, seen, position, angle = table[:, 0], table[:, 1] > 0, table[:, 2], np.degrees(table[:, 3])
         masks = {
             "seen": seen,
             "unseen": ~seen & (lap >= STEADY_LAP),

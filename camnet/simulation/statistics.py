@@ -63,13 +63,13 @@ class RunStatistics:
             seen = camera >= 0
             self._seen += seen
             self._senses += 1
+            lap, p_world, q_world = tracker.lap, truth.target_p_world[m], truth.target_q_world[m]
             for name, records in self.errors.items():
-                estimate = simulation.filters[name][m].estimate
-                records[m].add(tracker.lap, seen, estimate, truth.target_p_world[m], truth.target_q_world[m])
-            errors = self.errors[simulation.filter_names[0]][m].position_m
+                records[m].add(lap, seen, simulation.filters[name][m].estimate, p_world, q_world)
+            error_m = self.errors[simulation.filter_names[0]][m].latest_m
             region = camera if seen else int(simulation.target_region[m])
             excited = simulation.excited(m, region) if seen else False
-            self.dwell[m].update(truth.t_s, region, seen, excited, errors[-1] if errors else 0.0)
+            self.dwell[m].update(truth.t_s, region, seen, excited, error_m)
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
         outside = simulation.agents_outside()
@@ -92,7 +92,7 @@ class RunStatistics:
         """Return the figures of an episode of the environment, ready for JSON (unknown ones are None)."""
         trackers = simulation.trackers
         delays = np.concatenate([t.delays_s() for t in trackers])
-        driving = _pooled(self.errors[simulation.filter_names[0]])
+        driving = ErrorRecord.pooled(self.errors[simulation.filter_names[0]])
         return {
             "time_in_view": self.time_in_view,
             "handoffs": {
@@ -110,14 +110,4 @@ class RunStatistics:
 
     def baselines(self, simulation: NetworkSimulation) -> dict[str, Any]:
         """Error rows of the estimators that ran beside the driving one."""
-        return {name: _pooled(self.errors[name]).summary() for name in simulation.filter_names[1:]}
-
-
-def _pooled(records: list[ErrorRecord]) -> ErrorRecord:
-    pool = ErrorRecord()
-    for record in records:
-        pool.lap += record.lap
-        pool.seen += record.seen
-        pool.position_m += record.position_m
-        pool.angle_rad += record.angle_rad
-    return pool
+        return {name: ErrorRecord.pooled(self.errors[name]).summary() for name in simulation.filter_names[1:]}

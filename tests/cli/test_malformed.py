@@ -42,9 +42,7 @@ def test_malformed_input(
     source = case.write(inputs)
     overrides = [word for text in case.arguments(inputs) for word in ("--set", text)]
     before = sorted(p.name for p in inputs.rglob("*"))
-    status = main(
-        ["simulate", str(source), *overrides, "--duration", "1", "--out", str(outputs / "run"), "--quiet"]
-    )
+    status = main(["simulate", str(source), *overrides, "--out", str(outputs / "run"), "--quiet"])
     out, err = capsys.readouterr()
     assert status == 2, err
     assert out == ""
