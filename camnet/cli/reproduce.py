@@ -27,6 +27,9 @@ class Experiment:
 
 
 EXPERIMENTS = {
+    "certified-layout": Experiment(
+        "camnet.experiments.certified_layout", "a layout that the learned certificate holds for, over 100 runs", 100
+    ),
     "motion-learning": Experiment(
         "camnet.experiments.motion_learning",
         "a robot seen now and then by a fixed camera (parikh2018, VII-A)",

@@ -19,7 +19,6 @@ import numpy as np
 
 from camnet.certification.coverage import Views
 from camnet.certification.free_network import FreeTargetClass, GroundView, certify_free
-from camnet.certification.network import DwellCertificates
 from camnet.certification.road_arcs import arcs_from_roads
 from camnet.certification.site import certify_road_site, road_segments_with_verdict, views_of
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
@@ -34,7 +33,15 @@ from camnet.simulation.certificates import feature_extent, network_certificates,
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array
 
-__all__ = ["Certified", "certify_world", "free_lines", "nominal_path", "road_lines"]
+__all__ = [
+    "Certified",
+    "certify_world",
+    "free_lines",
+    "lyapunov_off",
+    "nominal_path",
+    "road_lines",
+    "road_views",
+]
 
 #: a time in view that stands for "as long as one likes", s
 _LONG_S = 1e6
@@ -114,18 +121,19 @@ def _complete(network: Network, part: Certified) -> Certified:
     return Certified(content, part.views, part.lines)
 
 
-def _dwell_times(network: Network) -> tuple[float | None, float | None, str]:
+def _dwell_times(network: Network, may_state: bool = True) -> tuple[float | None, float | None, str]:
     """Return (Dt_off, Dt_on) in force, s, and where they come from."""
     stated = network.scenario.certificate.off_max_s
-    if stated is not None:
+    if may_state and stated is not None:
         return stated, 0.0, "stated by the designer"
     bounds = network_certificates(network).sound
-    off, on = _best_off(network_certificates(network)), bounds.on_min(h=True).seconds
+    off, on = lyapunov_off(network), bounds.on_min(h=True).seconds
     return off, on, "Lyapunov analysis of the estimator, model learned"
 
 
-def _best_off(certificates: DwellCertificates) -> float | None:
-    bounds = certificates.sound
+def lyapunov_off(network: Network) -> float | None:
+    """Return the longest time out of view that the estimator's analysis allows, model learned, s; None if none."""
+    bounds = network_certificates(network).sound
     times = [bounds.off_max(_LONG_S, 0.5 * _LONG_S, d=True, h=h).seconds for h in (False, True)]
     known = [t for t in times if t is not None]
     return max(known) if known else None
@@ -187,7 +195,9 @@ def _along_flow(
 ) -> Certified:
     ground = ground_of(network)
     t_s, path = nominal_path(network)
-    off, on, source = _dwell_times(network)
+    off, on, source = _dwell_times(
+        network, may_state=False
+    )  # a hostile target need not keep the path's times
     gaps = _gaps_of(t_s, path, ground)
     speed = float(np.linalg.norm(np.diff(path, axis=0), axis=1).min() / _STEP_S)
     entries: dict[str, dict[str, Any]] = {}
@@ -316,7 +326,7 @@ def _on_roads(network: Network, motion: RoadTarget, model_error_mps: float | Non
     if model_error_mps is not None:
         e0 = scenario.certificate.initial_error_m
         growth = GrowthModel(0.05 if e0 is None else e0, model_error_mps)
-    names, views = _views(network)
+    names, views = road_views(network)
     occluders = [_half_spaces(o) for o in network.occluders] if network.n_agents == 0 else []
     limits = (
         None
@@ -346,7 +356,7 @@ def road_lines(pieces: dict[str, list[Array]]) -> list[MapLine]:
     return [MapLine(line, verdicts[k], verdicts[k]) for k, lines in pieces.items() for line in lines]
 
 
-def _views(network: Network) -> tuple[list[str], Views]:
+def road_views(network: Network) -> tuple[list[str], Views]:
     """Return fields of view of fixed cameras, or the operating regions of agents as upright views."""
     if network.n_agents == 0:
         specs = network.description.cameras

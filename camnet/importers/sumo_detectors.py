@@ -22,12 +22,13 @@ _LOOPS = ("e1Detector", "inductionLoop")
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """One place: name, x and y in the network's metres, and the side of the footprint if the file states it."""
+    """One place: name, x and y in the network's metres; side of the footprint (m) and cost where the file states them."""
 
     name: str
     x_m: float
     y_m: float
     footprint_m: float | None = None
+    cost: float | None = None
 
 
 def read_detectors(path: str | Path, network: str | Path, merge_m: float = 10.0) -> tuple[Sensor, ...]:
@@ -61,7 +62,7 @@ def read_detectors(path: str | Path, network: str | Path, merge_m: float = 10.0)
 
 
 def read_sensor_table(path: str | Path) -> tuple[Sensor, ...]:
-    """Read a CSV file with the columns ``name``, ``x``, ``y`` and, if wanted, ``footprint`` (m).
+    """Read a CSV file with the columns ``name``, ``x``, ``y`` and, if wanted, ``footprint`` (m) and ``cost``.
 
     Raises
     ------
@@ -76,13 +77,14 @@ def read_sensor_table(path: str | Path) -> tuple[Sensor, ...]:
     out = []
     for k, row in enumerate(rows):
         where = f"{path}, line {numbered[min(k + 1, len(numbered) - 1)][0]}"
-        side = row.get("footprint")
+        side, cost = row.get("footprint"), row.get("cost")
         out.append(
             Sensor(
                 str(row["name"]),
                 number(str(row["x"]), where, "x"),
                 number(str(row["y"]), where, "y"),
                 number(side, where, "footprint") if side else None,
+                number(cost, where, "cost") if cost else None,
             )
         )
     return tuple(out)

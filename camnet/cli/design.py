@@ -1,0 +1,130 @@
+"""``camnet design``: the fewest cameras that certify a road network, and the smallest repairs of one that exists."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from camnet import __version__
+from camnet.cli.certify import add_target_class
+from camnet.cli.common import add_common, positive, progress_bar, say
+from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+
+__all__ = ["add_parser"]
+
+_DESCRIPTION = """Design a network of cameras over roads.
+
+  camnet design --roads NET.xml --off-max 120            the fewest cameras: no target is out of view for more than 120 s
+  camnet design --roads NET.xml --poles POLES.csv        the same on given poles (name,x,y[,cost]): the cheapest set
+  camnet design --roads NET.xml --count 60               60 cameras: the shortest time out of view
+  camnet design --roads NET.xml --repair CAMERAS         single changes that certify each uncertified transition
+
+Up to 1000 candidates are solved by integer programming, with the lower bound that proves how good the answer is;
+more by a greedy choice with the bound of the linear programme."""
+
+
+def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Register the command."""
+    parser = commands.add_parser(
+        "design",
+        help="place the fewest cameras that certify a road network; repair one",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--roads", required=True, metavar="NET", type=Path, help="SUMO network of the roads")
+    parser.add_argument(
+        "--poles", metavar="CSV", type=Path, help="candidate places (default: junctions and roadsides)"
+    )
+    parser.add_argument(
+        "--repair", metavar="FILE", type=Path, help="cameras that stand: .csv or SUMO .add.xml"
+    )
+    parser.add_argument(
+        "--spacing", type=positive, default=50.0, metavar="M", help="of candidates along roads, m"
+    )
+    parser.add_argument(
+        "--count", type=int, metavar="K", help="use at most K cameras, with the largest margin"
+    )
+    parser.add_argument(
+        "--footprint", type=positive, default=30.0, metavar="M", help="side of a camera's view, m"
+    )
+    parser.add_argument("--time-limit", type=positive, default=60.0, metavar="S", help="of the solver, s")
+    add_target_class(parser)
+    add_common(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Load, place or repair, write."""
+    from camnet.certification.transitions import RoadTargetClass
+    from camnet.experiments.design_roads import design_roads, repair_roads
+
+    folder = None if args.out is None else choose_folder(args.out, "", args.force)
+    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0)
+    dwell = {
+        "off_max_s": args.off_max or 120.0,
+        "on_min_s": args.on_min or 0.0,
+        "footprint_m": args.footprint,
+    }
+    lines: Any = None
+    if args.repair is not None:
+        content = repair_roads(args.roads, args.repair, target, **dwell)
+    else:
+        with progress_bar(1.0, "placing", "", args.quiet) as advance:
+            designed = design_roads(
+                args.roads,
+                target,
+                **dwell,
+                spacing_m=args.spacing,
+                poles=args.poles,
+                count=args.count,
+                time_limit_s=args.time_limit,
+                progress=advance,
+            )
+        content, lines = designed.report, designed
+    content = {**content, "version": __version__}
+    if folder is not None:
+        _write(folder, args, content, lines)
+    if args.json:
+        print_json(content)
+    else:
+        _print(content)
+    return 0
+
+
+def _write(folder: Path, args: argparse.Namespace, content: dict[str, Any], designed: Any) -> None:  # noqa: ANN401
+    from camnet.report.certificate import write_certificate
+
+    with whole_folder(folder) as temporary:
+        write_json(temporary / "design.json", content)
+        if designed is not None:
+            rows = "".join(f"{c['name']},{c['x']:.3f},{c['y']:.3f}\n" for c in content["cameras"])
+            (temporary / "cameras.csv").write_text("name,x,y\n" + rows, encoding="utf-8")
+            verdict = "certified" if content["certified"] else "not certified"
+            reason = f"{content['count']} cameras, at least {content['lower_bound']} are needed"
+            page = {
+                "network": {"name": args.roads.name, "cameras": content["count"], "regions": 0},
+                "target_class": content["target_class"],
+                "certificates": {"sound": {"verdict": verdict, "reason": reason}},
+                "transitions": [],
+            }
+            write_certificate(temporary, page, designed.views, designed.lines)
+    say(f"wrote {folder}")
+
+
+def _print(content: dict[str, Any]) -> None:
+    if "repairs" in content:
+        print(f"{content['count']} cameras; {len(content['repairs'])} transitions are not certified")
+        for r in content["repairs"]:
+            length = "endless" if r["longest_m"] is None else f"{r['longest_m']:.0f} m"
+            best = r["changes"][0]
+            print(
+                f"  {r['from']} > {r['to']} ({length}): {best['change']} {best['amount']:.3g} {best['unit']}"
+            )
+        return
+    print(
+        f"{content['count']} cameras of {content['candidates']} candidates certify {content['roads_km']:.1f} km of roads "
+        f"for {content['off_max_s']:.4g} s out of view"
+    )
+    print(f"  lower bound {content['lower_bound']}, gap {content['gap']:.1%}, {content['seconds']:.1f} s")
+    print(f"  checked by the certifier: {'certified' if content['certified'] else 'NOT certified'}")

@@ -1,0 +1,99 @@
+"""``camnet falsify``: hostile targets try to break the certificates of a world."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from camnet import __version__
+from camnet.cli.certify import learned_model, world_of
+from camnet.cli.common import add_common, positive, progress_bar, say
+from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+
+__all__ = ["add_parser"]
+
+_DESCRIPTION = """Simulate targets that are as hostile as their class allows: random, bang-bang, and optimised by
+differential evolution. A certificate that is right is never broken: every violation is an error (exit status 1).
+The closest approach says how much of the bound such targets use up; near 1 means a sharp bound.
+
+  camnet falsify quickstart --learn --trials 10000
+  camnet falsify patrol --model-error 0.05"""
+
+
+def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Register the command."""
+    parser = commands.add_parser(
+        "falsify",
+        help="adversarial simulation against the certificates",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("config", help="a world file, a folder with world.yaml, or a shipped world's name")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides", help="change one setting"
+    )
+    parser.add_argument(
+        "--duration", type=positive, metavar="S", help="length of the run that --learn simulates, s"
+    )
+    parser.add_argument(
+        "--trials", type=int, default=1000, metavar="N", help="simulated targets (default 1000)"
+    )
+    parser.add_argument("--learn", action="store_true", help="learn the motion in simulation first")
+    parser.add_argument(
+        "--model", metavar="FILE", type=Path, help="a model that camnet certify --learn saved"
+    )
+    parser.add_argument(
+        "--model-error", type=positive, metavar="MPS", help="stated velocity error of the model, m/s"
+    )
+    add_common(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Load, attack, write."""
+    from camnet.errors import ConfigError
+    from camnet.experiments.falsify import falsify_world
+
+    if args.trials < 1:
+        raise ConfigError(f"--trials {args.trials}: at least 1 was expected")
+    scenario = world_of(args)
+    folder = None if args.out is None else choose_folder(args.out, "", args.force)
+    model = learned_model(args, scenario)
+    with progress_bar(1.0, "attacking", "", args.quiet) as advance:
+        result = falsify_world(scenario, args.trials, scenario.seed, model, args.model_error, advance)
+    content = {"world": scenario.name, **result, "version": __version__}
+    if folder is not None:
+        with whole_folder(folder) as temporary:
+            write_json(temporary / "result.json", content)
+            if model is not None:
+                model.save(temporary / "model.npz")
+        say(f"wrote {folder}")
+    if args.json:
+        print_json(content)
+    else:
+        _print(content)
+    return 1 if any(content["violations"].values()) else 0
+
+
+def _print(content: dict[str, Any]) -> None:
+    print(f"{content['world']}: {content['trials']} hostile targets")
+    for name, count in content["violations"].items():
+        closest = content["closest_fraction"][name]
+        words = "claims nothing here" if closest is None else f"closest approach {closest:.3f} of the bound"
+        print(f"  {name:8s} {count} violations, {words}")
+    if content["lost"]:
+        print(
+            f"  {content['lost']} targets stayed out of view for longer than allowed (after exits not certified)"
+        )
+    for e in content.get("exits", []):
+        print(
+            f"    from {e['from']:12s} {e['verdict']:14s} closest {e['closest_fraction']:.3f} of {e['bound_m']:.3f} m "
+            f"after {e['at_s']:.1f} s, lost {e['lost']} of {e['trials']}"
+        )
+    real = content.get("estimator")
+    if real and real["gaps"]:
+        print(
+            f"  real estimator: {real['gaps']} gaps after the first lap, {real['violations']} beyond the bound, "
+            f"closest {real['closest_fraction']:.3f}"
+        )

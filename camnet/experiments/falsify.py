@@ -1,0 +1,141 @@
+"""Try to break the certificates of a world by adversarial simulation.
+
+| target of the world | ``learned`` | ``sound`` |
+| --- | --- | --- |
+| ``vector_field`` | hostile targets against the tubes of every exit (``falsify_flow``) | error growth within the dwell time |
+| ``road`` | predictions with the worst speed error | hostile drivers (``falsify_road``) |
+
+Real estimator: the gaps of the run that the model was learned in, from the second lap on, are checked against the tubes too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from camnet.certification.coverage import cover_roads
+from camnet.certification.growth import error_tube
+from camnet.certification.road_arcs import arcs_from_roads
+from camnet.certification.road_gaps import road_gaps
+from camnet.certification.transitions import GrowthModel, RoadTargetClass
+from camnet.config.models import Scenario
+from camnet.errors import CertificateError
+from camnet.experiments.certify_flow import FlowCase, flow_case
+from camnet.experiments.certify_world import lyapunov_off, road_views
+from camnet.experiments.falsify_flow import Attack, attack_flow
+from camnet.experiments.falsify_road import RoadCase, attack_roads
+from camnet.experiments.learned_model import LearnedModel
+from camnet.motion.settings import RoadTarget
+from camnet.simulation.certificates import feature_extent, network_certificates
+from camnet.simulation.network import Network, build_network
+from camnet.types import Array
+
+__all__ = ["check_gaps", "falsify_world"]
+
+Progress = Callable[[float], None]
+
+
+def falsify_world(
+    scenario: Scenario,
+    trials: int,
+    seed: int,
+    model: LearnedModel | None = None,
+    model_error_mps: float | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Attack the certificates of a world with ``trials`` hostile targets each.
+
+    Returns
+    -------
+    dict
+        ``trials``, ``violations`` and ``closest_fraction`` of both certificates (None: it claims nothing here), ``lost``:
+        targets out of view for longer than the world allows, after exits that are not certified; ``exits``; and
+        ``estimator``: the gaps of the real estimator.
+    """
+    network, rng = build_network(scenario), np.random.default_rng(seed)
+    motion = scenario.targets[0].motion
+    if isinstance(motion, RoadTarget):
+        sound, learned = attack_roads(_road_case(network, motion, model_error_mps), trials, rng, progress)
+        return _result(trials, sound, learned if model_error_mps is not None else None, {})
+    if model is None:
+        raise CertificateError(
+            f"world {scenario.name!r}: its certificate rests on a learned model; add --learn or --model FILE"
+        )
+    case = flow_case(network, model, model_error_mps)
+    learned = attack_flow(case, trials, rng, progress)
+    extra = {"exits": learned.by_exit, "estimator": check_gaps(case, model)}
+    return _result(trials, _attack_dwell(network, trials, rng), learned, extra)
+
+
+def _result(
+    trials: int, sound: Attack | None, learned: Attack | None, extra: dict[str, Any]
+) -> dict[str, Any]:
+    both = {"sound": sound, "learned": learned}
+    return {
+        "trials": trials,
+        "violations": {k: 0 if a is None else a.violations for k, a in both.items()},
+        "closest_fraction": {k: None if a is None else a.closest for k, a in both.items()},
+        "lost": 0 if learned is None else learned.lost,
+        **extra,
+    }
+
+
+def _road_case(network: Network, motion: RoadTarget, model_error_mps: float | None) -> RoadCase:
+    target = RoadTargetClass(*motion.speed_mps, feature_extent(network) + 2.0 * motion.lateral_std_m)
+    lines = network.scenario.roads
+    roads = arcs_from_roads([np.array(r.points_m, dtype=float) for r in lines], [r.closed for r in lines])
+    _, views = road_views(network)
+    gaps = road_gaps(roads, cover_roads(roads, views, 0.0, target.extent_m))
+    e0 = network.scenario.certificate.initial_error_m
+    growth = None if model_error_mps is None else GrowthModel(0.05 if e0 is None else e0, model_error_mps)
+    return RoadCase(roads, gaps, target, growth)
+
+
+def _attack_dwell(network: Network, trials: int, rng: np.random.Generator) -> Attack | None:
+    """Let target and prediction run apart for as long as ``sound`` allows; the error must stay below R.
+
+    None where no dwell time exists: ``sound`` then claims nothing.
+    """
+    bounds, off = network_certificates(network).sound, lyapunov_off(network)
+    if off is None or off <= 0.0:
+        return None
+    speed = network.scenario.targets[0].v_max_mps
+    e0, limit = math.sqrt(2.0 * bounds.v_lo), math.sqrt(2.0 * bounds.v_hi)
+    angles: Array = rng.uniform(0.0, 2.0 * math.pi, (trials, 16, 2))
+    angles[::2] = np.array([0.0, math.pi])  # bang-bang: straight away from each other, along the first error
+    steps = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    apart = speed * off / 16.0 * (steps[:, :, 0] - steps[:, :, 1])
+    error = np.linalg.norm(np.array([e0, 0.0]) + np.cumsum(apart, axis=1), axis=-1).max(axis=1)
+    return Attack(trials, int((error > limit).sum()), float(error.max() / limit))
+
+
+def check_gaps(case: FlowCase, model: LearnedModel) -> dict[str, Any]:
+    """Compare the real estimator's errors at re-sightings, after the first lap, with the tubes of the certificate."""
+    gaps = model.gaps
+    later = gaps[len(case.ground) :]
+    shares = []
+    tubes: dict[int, Any] = {}
+    for source, _, lost_s, seen_s, error_m in later.tolist():
+        j = int(source)
+        if j not in tubes:
+            k = int(np.argmin(np.abs(model.path[:, 0] - lost_s)))
+            tubes[j] = error_tube(
+                case.fields[j],
+                model.path[k, 1:3],
+                case.target.e0_m + case.target.spread_m,
+                case.target.model_error_mps,
+                case.target.v_max_mps,
+                min(case.off_max_s, 1.5 * (seen_s - lost_s)),
+                case.step_s,
+                tolerance=1e-2,
+                max_cells=600,
+            )
+        shares.append(error_m / float(np.interp(seen_s - lost_s, tubes[j].t_s, tubes[j].radius_m)))
+    return {
+        "gaps": len(shares),
+        "violations": sum(s > 1.0 for s in shares),
+        "closest_fraction": max(shares) if shares else None,
+    }
