@@ -30,6 +30,7 @@ import math
 import numpy as np
 from numba import njit
 
+from camnet.estimation.excitation import VisitedExcitation
 from camnet.estimation.projection import project_step
 from camnet.estimation.propagate import COLUMNS
 from camnet.estimation.selection import DOptimalRule, SelectionRule, SmallestEigenvalueRule, rank_one
@@ -190,6 +191,7 @@ class MotionModel:
         self._none = np.zeros(kernels)
         self._no_error = np.zeros(COLUMNS)
         self._changes = 0
+        self.visited = VisitedExcitation(stack.excitation_threshold, stack.excitation_share)
 
     def _rate(self, dt_s: float) -> float:
         return dt_s * self._settings.kcl * self._settings.gamma
@@ -201,12 +203,25 @@ class MotionModel:
         return a * self.integral.gram + (1.0 - a) * self.instantaneous.gram
 
     def learn_window(self, t_s: float, row: Array, increment: Array, weight: float = 1.0) -> bool:
-        """Offer an integral window; True if it entered the stack."""
+        """Offer an integral window; True if it entered the stack.
+
+        A window of full weight was measured, and says whether places like it are excited already.
+        """
+        if self._settings.alpha > 0.0 and weight == 1.0:
+            self._observe(t_s, row)
         return self._enter(self.integral.offer(t_s, row, increment, weight), self._settings.alpha)
 
     def learn_rate(self, t_s: float, row: Array, rate: Array, weight: float = 1.0) -> bool:
         """Offer a measured rate (3-13), (4-20); True if it entered the stack."""
+        if self._settings.alpha == 0.0 and weight == 1.0:
+            self._observe(t_s, row)
         return self._enter(self.instantaneous.offer(t_s, row, rate, weight), 1.0 - self._settings.alpha)
+
+    def _observe(self, t_s: float, row: Array) -> None:
+        if math.isinf(self.visited.since_s) and len(self._order):
+            a, known, pick = self._settings.alpha, row[self._order], np.ix_(self._order, self._order)
+            psi = a * self.integral.gram[pick] + (1.0 - a) * self.instantaneous.gram[pick]
+            self.visited.observe(t_s, psi, known, float(row @ row - known @ known))
 
     def _enter(self, change: Change, share: float) -> bool:
         a = self._settings.alpha
@@ -242,6 +257,7 @@ class MotionModel:
             left = self.psi.diagonal() / np.maximum(present, TINY)
             self.weights = self.weights * np.where(present > TINY, np.minimum(left, 1.0), 1.0)[:, None]
             self._changes = 0
+            self.visited.clear()
         return dropped
 
     def _touch(self, row: Array) -> None:
@@ -302,5 +318,8 @@ class MotionModel:
             self.weights = self._stepped(inverse, fade, dt, self._none, self._no_error)
 
     def excited_s(self) -> float:
-        """Time T at which finite excitation (3-19) first held, s (inf before)."""
-        return min(self.integral.excited_s, self.instantaneous.excited_s)
+        """Time T at which finite excitation (3-19) first held, s (inf before).
+
+        Over all kernels, or over the places visited: see ``excitation`` for what the latter supports.
+        """
+        return min(self.integral.excited_s, self.instantaneous.excited_s, self.visited.since_s)

@@ -37,7 +37,8 @@ class StackSettings(Settings):
     Each end of a window is the mean of ``average`` poses: the mean of that many windows, each shifted by one sample,
     is a window equation itself, and its noise is smaller. ``outlier_gate`` is in standard deviations of the recent
     window residuals. With ``forgetting``, a run of windows beyond the gate is taken for a change of the target's ways,
-    and what contradicts it nearby leaves the stack.
+    and what contradicts it nearby leaves the stack. Finite excitation: eigenvalues from ``excitation_threshold`` on
+    (s^2) count, and all but ``excitation_share`` of new regressors must lie among them.
     """
 
     size: Annotated[int, Field(gt=0)] = 600
@@ -45,6 +46,7 @@ class StackSettings(Settings):
     average: Annotated[int, Field(gt=0)] = 4
     rule: Literal["lambda_min", "lambda_min_naive", "d_optimal"] = "d_optimal"
     excitation_threshold: Positive = 1e-3
+    excitation_share: Fraction = 0.1
     regularisation: Positive = 1e-3
     outlier_gate: Positive = 6.0
     forgetting: bool = True
