@@ -251,8 +251,8 @@ def _print(content: dict[str, Any]) -> None:
     if "recorded" in content:
         r = content["recorded"]
         print(
-            f"\nrecorded people: {r['fixes']} fixes, {r['faster_than_v_max']} of the steps between them are faster than "
-            f"{r['v_max_mps']:g} m/s (the error of their receivers included)\n"
+            f"\nrecorded people: {r['fixes']} fixes, {r['faster_than_v_max']} of the steps between them are faster "
+            f"than {r['v_max_mps']:g} m/s (the error of their receivers included)\n"
             f"  out of their reachable set: {r['outside']} of {r['checked']} unseen fixes reached within the class, "
             f"{r['outside_all']} of all {r['checked_all']}\n"
             f"  smallest v_max for which none is outside: {r['least_v_max_mps']:.3g} m/s"
@@ -269,22 +269,22 @@ def _print_transitions(transitions: list[dict[str, Any]]) -> None:
     print(
         f"\n{'transition':32s} {'gap m':>8s}  {'sound':15s} {'learned':15s} {'margin m':>9s} {'trust s':>8s}  binding"
     )
-    worst = sorted(transitions, key=lambda t: _margin(t) if _margin(t) is not None else -1e9)
+    worst = sorted(transitions, key=_margin)
     for t in worst[:_MOST_ROWS]:
         best = t.get("learned", t.get("sound", {}))
         print(
-            f"{t['from'] + ' > ' + str(t['to']):32.32s} {t['gap_m']:8.2f}  {t.get('sound', {}).get('verdict', '-'):15s} "
-            f"{t.get('learned', {}).get('verdict', '-'):15s} {_text(best.get('margin_m')):>9s} "
+            f"{t['from'] + ' > ' + str(t['to']):32.32s} {t['gap_m']:8.2f}  "
+            f"{t.get('sound', {}).get('verdict', '-'):15s} {t.get('learned', {}).get('verdict', '-'):15s} {_text(best.get('margin_m')):>9s} "
             f"{_text(best.get('trust_horizon_s')):>8s}  {best.get('binding', '')}"
         )
     if len(transitions) > _MOST_ROWS:
         print(f"... the worst {_MOST_ROWS} of {len(transitions)}; --json or --out give all")
 
 
-def _margin(transition: dict[str, Any]) -> float | None:
+def _margin(transition: dict[str, Any]) -> float:
     part = transition.get("learned", transition.get("sound", {}))
     value = part.get("margin_m")
-    return None if value is None else float(value)
+    return -1e9 if value is None else float(value)
 
 
 def _text(value: float | None) -> str:

@@ -15,7 +15,7 @@ __all__ = ["add_parser"]
 
 _DESCRIPTION = """Design a network of cameras over roads.
 
-  camnet design --roads NET.xml --off-max 120            the fewest cameras: no target is out of view for more than 120 s
+  camnet design --roads NET.xml --off-max 120            the fewest cameras: nobody is out of view for more than 120 s
   camnet design --roads NET.xml --poles POLES.csv        the same on given poles (name,x,y[,cost]): the cheapest set
   camnet design --roads NET.xml --count 60               60 cameras: the shortest time out of view
   camnet design --roads NET.xml --repair CAMERAS         single changes that certify each uncertified transition
@@ -123,8 +123,8 @@ def _print(content: dict[str, Any]) -> None:
             )
         return
     print(
-        f"{content['count']} cameras of {content['candidates']} candidates certify {content['roads_km']:.1f} km of roads "
-        f"for {content['off_max_s']:.4g} s out of view"
+        f"{content['count']} cameras of {content['candidates']} candidates certify {content['roads_km']:.1f} km of "
+        f"roads for {content['off_max_s']:.4g} s out of view"
     )
     print(f"  lower bound {content['lower_bound']}, gap {content['gap']:.1%}, {content['seconds']:.1f} s")
     print(f"  checked by the certifier: {'certified' if content['certified'] else 'NOT certified'}")

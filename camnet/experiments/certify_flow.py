@@ -129,7 +129,7 @@ def region_agents(network: Network) -> list[RegionAgent] | None:
 
 
 def learned_path(model: LearnedModel) -> tuple[Array, Array]:
-    """Return points (n, 2) of the run's last lap and a half and the camera that saw, or last saw, the target there (n,)."""
+    """Return the last lap and a half: points (n, 2) and the camera that saw, or last saw, the target there (n,)."""
     t, seen = model.path[:, 0], model.path[:, 3].astype(int)
     last = np.maximum.accumulate(np.where(seen >= 0, np.arange(len(seen)), 0))
     late = t >= t[-1] - 1.5 * _lap_s(model)
@@ -149,7 +149,7 @@ def _lap_s(model: LearnedModel) -> float:
 
 
 def true_velocity(network: Network, points: Array) -> Array | None:
-    """Return the target's velocity (n, 2) at points (n, 2), once it has turned into its field; None if it has a memory."""
+    """Return the target's velocity (n, 2) at points (n, 2), once turned into its field; None if it has a memory."""
     motion = network.description.targets[0].motion
     if not isinstance(motion, VectorFieldMotion):
         return None

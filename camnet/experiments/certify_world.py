@@ -166,9 +166,9 @@ class _Gap:
 def _gaps_of(t_s: Array, path: Array, ground: list[GroundView]) -> list[_Gap]:
     """List the gaps of a path, for each pair of views the longest one."""
     inside = np.array([g.view.depth(path) >= 0.0 for g in ground])
-    seen = inside.any(axis=0)
+    seen = np.asarray(inside.any(axis=0))
     out: dict[tuple[int, int], _Gap] = {}
-    leave = np.flatnonzero(seen[:-1] & ~seen[1:])
+    leave = np.flatnonzero(seen[:-1] & np.logical_not(seen[1:]))
     for k in leave.tolist():
         back = np.flatnonzero(seen[k + 1 :])
         if len(back) == 0:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from camnet.certification.coverage import cover_roads
-from camnet.certification.design import Placement, place_cameras, smallest_repairs
+from camnet.certification.design import Placement, Repair, place_cameras, smallest_repairs
 from camnet.certification.free_network import ground_views
 from camnet.certification.road_gaps import road_gaps
 from camnet.certification.site import certify_road_site, road_segments_with_verdict
@@ -169,7 +169,8 @@ def repair_roads(
     site, sensors = read_road_site(network), read_sensors(cameras, network)
     views = sensor_views(sensors, footprint_m)
     gaps = road_gaps(site.roads, cover_roads(site.roads, views, height_m, target.extent_m))
-    seen, worst = gaps.stretches, {}
+    seen = gaps.stretches
+    worst: dict[tuple[str, str], tuple[float, list[Repair]]] = {}
     for k in range(len(gaps.longest_m)):
         chord = float(seen.chord_m[gaps.entry_stretch[k]])
         repairs = smallest_repairs(float(gaps.longest_m[k]), chord, target, off_max_s, on_min_s)

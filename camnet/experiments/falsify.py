@@ -2,10 +2,10 @@
 
 | target of the world | ``learned`` | ``sound`` |
 | --- | --- | --- |
-| ``vector_field`` | hostile targets against the tubes of every exit (``falsify_flow``) | error growth within the dwell time |
+| ``vector_field`` | hostile targets against the tubes (``falsify_flow``) | error growth within the dwell time |
 | ``road`` | predictions with the worst speed error | hostile drivers (``falsify_road``) |
 
-Real estimator: the gaps of the run that the model was learned in, from the second lap on, are checked against the tubes too.
+Real estimator: the gaps of the run in which the model was learned, from the second lap on, are checked too.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def falsify_world(
     Returns
     -------
     dict
-        ``trials``, ``violations`` and ``closest_fraction`` of both certificates (None: it claims nothing here), ``lost``:
-        targets out of view for longer than the world allows, after exits that are not certified; ``exits``; and
-        ``estimator``: the gaps of the real estimator.
+        ``trials``, ``violations`` and ``closest_fraction`` of both certificates (None: it claims nothing here);
+        ``lost``: targets out of view for longer than the world allows, after exits that are not certified;
+        ``exits``; and ``estimator``: the gaps of the real estimator.
     """
     network, rng = build_network(scenario), np.random.default_rng(seed)
     motion = scenario.targets[0].motion

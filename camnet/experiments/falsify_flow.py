@@ -6,9 +6,9 @@
 | d along p - p_hat | bang-bang | | the greedy worst case |
 | d at angles theta_1 .. theta_k | random, optimised | rad | held for equal times; optimised by differential evolution |
 
-Each exit of the learned flow is attacked from every side of its start disc. A trial breaks the certificate if the target
-leaves the tube, or misses a view that is certified to see it. ``closest`` is the largest share of the tube's radius that
-any target reached at the time at which it is seen again.
+Each exit of the learned flow is attacked from every side of its start disc. A trial breaks the certificate if the
+target leaves the tube, or misses a view that is certified to see it. ``closest`` is the largest share of the tube's
+radius that any target reached at the time at which it is seen again.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -27,7 +28,7 @@ from camnet.certification.reachable import TubeReach
 from camnet.experiments.certify_flow import FlowCase
 from camnet.types import Array, BoolArray
 
-__all__ = ["Attack", "attack_flow"]
+__all__ = ["Attack", "attack_flow", "search"]
 
 #: share of the trials by kind: the rest is optimised
 _RANDOM, _BANG = 0.4, 0.4
@@ -157,19 +158,26 @@ def _optimise(scene: _Scene, trials: int, rng: np.random.Generator, attack: Atta
             best = max(best, float(shares.max()))
         return -shares
 
-    members = _POPULATION * (_ANGLES + 1)
-    differential_evolution(
+    search(cost, _ANGLES + 1, 2.0 * math.pi, trials, rng)
+    return best
+
+
+def search(
+    cost: Callable[[Array], Array], size: int, top: float, trials: int, rng: np.random.Generator
+) -> None:
+    """Spend ``trials`` evaluations of ``cost`` (columns of plans in [0, top]^size) on differential evolution."""
+    evolve: Any = differential_evolution  # its stubs do not know the vectorised form
+    evolve(
         cost,
-        [(0.0, 2.0 * math.pi)] * (_ANGLES + 1),
+        [(0.0, top)] * size,
         popsize=_POPULATION,
-        maxiter=max(1, trials // members),
+        maxiter=max(1, trials // (_POPULATION * size)),
         tol=0.0,
         polish=False,
         vectorized=True,
         updating="deferred",
         rng=rng,
     )
-    return best
 
 
 def _judge(scene: _Scene, plans: Array, greedy: bool, attack: Attack) -> float:

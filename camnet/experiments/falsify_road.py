@@ -1,9 +1,9 @@
 """Hostile targets of the road-bound class: they turn where the unseen way is longest and drive as slowly as they may.
 
-The walk along the roads is a route of its own: it shares neither search nor sums with the certifier. Every trial leaves one
-view and drives until another sees it. Claims that it can break: the transition is listed; its length is between the shortest
-and the longest way; it is over after l_max / v_lo at the latest; for ``learned``, a prediction whose speed is wrong by at
-most e_v stays within the error's bound.
+The walk along the roads is a route of its own: it shares neither search nor sums with the certifier. Every trial leaves
+one view and drives until another sees it. Claims that it can break: the transition is listed; its length is between the
+shortest and the longest way; it is over after l_max / v_lo at the latest; for ``learned``, a prediction whose speed is
+wrong by at most e_v stays within the error's bound.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import differential_evolution
 
 from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.road_gaps import RoadGaps
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
-from camnet.experiments.falsify_flow import Attack
+from camnet.experiments.falsify_flow import Attack, search
 from camnet.types import Array
 
 __all__ = ["RoadCase", "attack_roads"]
@@ -25,7 +24,6 @@ __all__ = ["RoadCase", "attack_roads"]
 _RANDOM, _BANG = 0.4, 0.4
 #: turns that a trial decides on, and pieces of its speed
 _TURNS, _SPEEDS = 16, 8
-_POPULATION = 4
 _TOLERANCE = 1e-6
 
 
@@ -113,18 +111,7 @@ def _attack_exit(
         spent = min(left, spent + plans.shape[1])
         return out
 
-    members = _POPULATION * (_TURNS + _SPEEDS)
-    differential_evolution(
-        cost,
-        [(0.0, 1.0)] * (_TURNS + _SPEEDS),
-        popsize=_POPULATION,
-        maxiter=max(1, left // members),
-        tol=0.0,
-        polish=False,
-        vectorized=True,
-        updating="deferred",
-        rng=rng,
-    )
+    search(cost, _TURNS + _SPEEDS, 1.0, left, rng)
 
 
 def _drive(case: RoadCase, claims: _Claims, leave: int, plan: Array, sound: Attack, learned: Attack) -> float:
@@ -160,7 +147,9 @@ def _walk(case: RoadCase, claims: _Claims, leave: int, turns: Array) -> tuple[in
     arc, s, way = int(seen.arc[leave]), float(seen.end_m[leave]), 0.0
     for k in range(10_000):
         ahead = [
-            j for j in claims.first.get(arc, []) if (seen.start_m[j] >= s - _TOLERANCE and j != leave) or k > 0
+            j
+            for j in claims.first.get(arc, [])
+            if (seen.start_m[j] >= s - _TOLERANCE and j != leave) or k > 0
         ]
         ahead = [j for j in ahead if seen.start_m[j] >= s - _TOLERANCE]
         if ahead:

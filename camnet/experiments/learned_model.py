@@ -1,7 +1,7 @@
 """The learned motion model of one target: learned in simulation by the built-in estimator, saved and loaded.
 
-A model file (``.npz``) holds the kernels, one weight matrix per region, and the record of the run that made it: the true
-path, who saw the target when, and every gap with the prediction's error at its end.
+A model file (``.npz``) holds the kernels, one weight matrix per region, and the record of the run that made it: the
+true path, who saw the target when, and every gap with the prediction's error at its end.
 """
 
 from __future__ import annotations

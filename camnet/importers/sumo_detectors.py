@@ -22,7 +22,7 @@ _LOOPS = ("e1Detector", "inductionLoop")
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """One place: name, x and y in the network's metres; side of the footprint (m) and cost where the file states them."""
+    """One place: name, x and y in the network's metres; footprint's side (m) and cost where the file states them."""
 
     name: str
     x_m: float
