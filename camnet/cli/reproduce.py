@@ -18,17 +18,23 @@ __all__ = ["EXPERIMENTS", "Experiment", "add_parser"]
 
 @dataclass(frozen=True)
 class Experiment:
-    """One experiment: where its ``run(seeds=, out_dir=, seed=, progress=[, data=])`` lives and what it shows."""
+    """One experiment: where its ``run(seeds=, out_dir=, seed=, progress=[, data=])`` lives and what it shows.
+
+    The module has ``print_table(result)`` too; ``function`` names its ``run`` where that is something else.
+    """
 
     module: str
     words: str
     seeds: int = 1
     needs_data: bool = False
+    function: str = "run"
 
 
 EXPERIMENTS = {
     "certified-layout": Experiment(
-        "camnet.experiments.certified_layout", "a layout that the learned certificate holds for, over 100 runs", 100
+        "camnet.experiments.certified_layout",
+        "a layout that the learned certificate holds for, over 100 runs",
+        100,
     ),
     "motion-learning": Experiment(
         "camnet.experiments.motion_learning",
@@ -40,6 +46,15 @@ EXPERIMENTS = {
         "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",
         1,
         True,
+    ),
+    "adate-visual": Experiment(
+        "camnet.experiments.adate_visual",
+        "a correlation tracker with AdaTE's prediction fed back (li2019; --data SEQUENCE)",
+        needs_data=True,
+        function="reproduce",
+    ),
+    "adate-navigation": Experiment(
+        "camnet.experiments.adate_navigation", "plans around obstacles through timed waypoints (li2019)", 200
     ),
     "adate-table": Experiment(
         "camnet.experiments.adate_table", "AdaTE beside Kalman filters, six groups (li2019)", 20
@@ -84,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     module = importlib.import_module(experiment.module)
     with whole_folder(folder) as temporary:
         with progress_bar(1.0, args.experiment, "", args.quiet) as advance:
-            result = module.run(out_dir=temporary, progress=advance, **options)
+            result = getattr(module, experiment.function)(out_dir=temporary, progress=advance, **options)
         content = {**result, "version": __version__}
         write_json(temporary / "result.json", content)
     if args.json:

@@ -287,10 +287,21 @@ def run(
     seeds: int = 20,
     out_dir: Path | str | None = None,
     seed: int = 0,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Reproduce the table; with ``out_dir`` also write ``adate-table.json`` and its figures there."""
-    result = run_adate_table(seeds, progress, seed)
+    """Reproduce the table; with ``out_dir`` also write ``adate-table.json`` and its figures there.
+
+    ``progress`` is called with the share done, 0 to 1.
+    """
+    cells, done = len(GROUPS) * (len(METHODS) + 1), 0
+
+    def count(line: str) -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done / cells)
+
+    result = run_adate_table(seeds, count, seed)
     if out_dir is not None:
         from camnet.report.adate import plot_error_over_time, plot_tracks
 
@@ -301,6 +312,17 @@ def run(
         plot_tracks(data, folder / "adate-trajectories.png")
         plot_error_over_time(data, folder / "adate-rmse.png")
     return result
+
+
+def print_table(result: dict[str, Any]) -> None:
+    """Print our rows, the published row of the same method, and the lower bound."""
+    groups = list(next(iter(result["rows"].values())))
+    print(f"{'normalised RMSE':22s}" + "".join(f"{g:>16s}" for g in groups))  # noqa: T201 - the command's table
+    for method, row in result["rows"].items():
+        print(f"{method:22s}" + "".join(f"{row[g]['mean']:16.3f}" for g in groups))  # noqa: T201
+    published = result["published"]["AdaTE-PLS"]
+    print(f"{'published AdaTE-PLS':22s}" + "".join(f"{published[g]:16.3f}" for g in groups))  # noqa: T201
+    print(f"{'bound':22s}" + "".join(f"{result['lower_bound'][g]['mean']:16.3f}" for g in groups))  # noqa: T201
 
 
 def figure_data(seed: int = 0, methods: Sequence[str] = METHODS) -> dict[str, dict[str, Any]]:

@@ -105,6 +105,25 @@ def run(
     return summarise(result)
 
 
+def reproduce(
+    seeds: int,
+    out_dir: Path | None,
+    seed: int,
+    progress: Progress | None,
+    data: Path,
+) -> dict[str, Any]:
+    """Run the experiment on the sequence ``data``; nothing is random, so ``seeds`` is without effect."""
+    return run(data, out_dir, seed, progress)
+
+
+def print_table(result: dict[str, Any]) -> None:
+    """Print the mean overlaps and the speed."""
+    for row, value in result["overlap"].items():
+        shown = "no ground truth" if value is None else f"{value:.4f}"
+        print(f"mean overlap, {row:16s} {shown}")  # noqa: T201 - the command's table
+    print(f"{result['fps']:.1f} frames a second of CPU time")  # noqa: T201
+
+
 def track_sequence(
     sequence: ImageSequence,
     progress: Progress | None = None,

@@ -1,0 +1,70 @@
+"""``camnet track-video``: follow a target without a marker through a video or a folder of images."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from camnet import __version__
+from camnet.cli.common import add_common, progress_bar, say
+from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.errors import ConfigError
+
+__all__ = ["add_parser"]
+
+_DESCRIPTION = """Follow a target through a video, or a folder of images, from its box in the first image: a correlation
+tracker finds it, AdaTE filters it and its prediction is where the tracker looks next (li2019).
+Writes tracking.mp4 (annotated), overlap.png (where there is ground truth), boxes.csv and result.json."""
+
+
+def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Register the command."""
+    parser = commands.add_parser(
+        "track-video",
+        help="follow a target through a video or images",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "sequence", type=Path, help="a video file, or a folder with img/ (and groundtruth_rect.txt)"
+    )
+    parser.add_argument(
+        "--box", metavar="X,Y,W,H", help="the target in the first image, px; needed without ground truth"
+    )
+    add_common(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track and write."""
+    from camnet.experiments import adate_visual
+    from camnet.sensing.visual import Box
+
+    first = None if args.box is None else Box(*_numbers(args.box))
+    folder = choose_folder(args.out, f"track-{args.sequence.stem}", args.force)
+    with whole_folder(folder) as temporary:
+        with progress_bar(1.0, "tracking", "", args.quiet) as advance:
+            result = adate_visual.run(args.sequence, temporary, args.seed or 0, advance, first=first)
+        content = {**result, "version": __version__}
+        write_json(temporary / "result.json", content)
+    if args.json:
+        print_json(content)
+    else:
+        adate_visual.print_table(result)
+    say(f"wrote {folder}")
+    return 0
+
+
+def _numbers(text: str) -> list[float]:
+    parts = re.split(r"[,\s]+", text.strip())
+    try:
+        values = [float(part) for part in parts]
+    except ValueError:
+        values = []
+    if len(values) != 4 or min(values[2:], default=0.0) <= 0.0:
+        raise ConfigError(
+            f"--box {text!r}: give four numbers x,y,width,height in pixels, such as 51,53,87,290"
+        )
+    return values
