@@ -17,7 +17,9 @@ def raw_seconds(agents: int, simulated_s: float, step_hz: int) -> float:
     client = pb.connect(pb.DIRECT)
     try:
         pb.setGravity(0, 0, -9.81, physicsClientId=client)
-        pb.setPhysicsEngineParameter(fixedTimeStep=1 / step_hz, numSolverIterations=10, physicsClientId=client)
+        pb.setPhysicsEngineParameter(
+            fixedTimeStep=1 / step_hz, numSolverIterations=10, physicsClientId=client
+        )
         shape = pb.createCollisionShape(pb.GEOM_CYLINDER, radius=0.2, height=0.1, physicsClientId=client)
         bodies = [
             pb.createMultiBody(1.0, shape, basePosition=(5.0 * i, 0, 3), physicsClientId=client)
