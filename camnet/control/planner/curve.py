@@ -80,7 +80,7 @@ def curve_clearance(x: Array, v: Array, tau: float, row: Array, resolution: floa
                 lowest = min(lowest, best)
                 continue
             bound = segment_clearance(row, p, q, 0.0) - sag
-            if sag <= 0.5 * resolution or bound >= best or size + 2 > _STACK:
+            if bound >= best - resolution or size + 2 > _STACK:
                 lowest = min(lowest, bound)
                 continue
             stack[size, 0], stack[size, 1] = middle, b
@@ -132,7 +132,7 @@ class Curve:
         size = np.linalg.norm(2.0 * c2 + 6.0 * c3 * u[:, [0, -1]], axis=-1) / self.tau**2
         return float(speed.max()), float(size.max())
 
-    def clearance(self, rows: Array, resolution_m: float = 1e-3) -> tuple[Array, Array]:
+    def clearance(self, rows: Array, resolution_m: float = 0.01) -> tuple[Array, Array]:
         """Certified distances (K,) to the obstacles ``rows`` (K,19), and the times (K,) of the closest points."""
         out = [curve_clearance(self.x, self.v, self.tau, row, resolution_m) for row in rows]
         both = np.array(out).reshape(-1, 2)

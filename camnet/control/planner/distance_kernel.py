@@ -32,7 +32,7 @@ ELLIPSOID, BOX, CYLINDER = 0, 1, 2
 #: length of a packed obstacle
 ROW = 19
 _NEWTON = 60
-_BISECTIONS = 50
+_BISECTIONS = 30
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,6 +3,7 @@ r"""The objective of a plan and its Gauss-Newton system, block-tridiagonal, in b
 Negative logarithm of the plan's probability (li2019, (42)-(44)), over the states s_0 .. s_n of the horizon:
 
     1/2 sum |s_{i+1} - f(s_i)|^2_{Q_i^-1} + 1/2 sum |z_w - x(t_w)|^2_{R_w^-1} - sum log(1 - P_h(x(t_j)))
+    + 1/2 int |x''|^2 / S_a dt
 
 | symbol | name | shape | unit | equation |
 | --- | --- | --- | --- | --- |
@@ -13,7 +14,9 @@ Negative logarithm of the plan's probability (li2019, (42)-(44)), over the state
 | 1 - P_h | 1/(1 + exp((m - d)/l)) to the power `shape[2]` dt (a rate in 1/s) | | | (44) |
 | h(u) | cubic Hermite weights of x_i, v_i, x_{i+1}, v_{i+1} | (4,) | | |
 
-**Departure.** (44) looks at the states alone; between them a plan can cross an obstacle. Here x(t) is the cubic
+**Departures.** The last term is ours: in the steering model a constant power and turn rate cost nothing,
+so that the most probable plan through far-off waypoints is a chain of wide fast loops, and descent creeps along
+the flat valley towards it; weighing the acceleration gives the fewer manoeuvres the paper asks for. (44) looks at the states alone; between them a plan can cross an obstacle. Here x(t) is the cubic
 Hermite curve through the states' positions and velocities and P_h is taken several times a step. A point of the
 curve depends on two neighbouring states, so the system stays block-tridiagonal. Q is frozen at the start of a
 plan; otherwise Gauss-Newton would have no objective that decreases. The region's faces are obstacles from inside.
@@ -46,13 +49,18 @@ def hermite(u: float, tau: float, h: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def weights(par: Array, tau: float, s: Array, resting: BoolArray) -> Array:
-    """Inverse process covariances (n-1,10,10) about a trajectory ``s`` (n,10); ``resting`` (n-1,) is filled."""
+def weights(par: Array, tau: float, s: Array, rest_speed: float, resting: BoolArray) -> Array:
+    """Inverse process covariances (n-1,10,10) about a trajectory ``s`` (n,10); ``resting`` (n-1,) is filled.
+
+    Steps slower than ``rest_speed`` keep the constant-velocity limit for the whole descent: near rest the model's
+    heading and dv/dp = 1/|v| change faster than a linearisation can follow.
+    """
     n = s.shape[0] - 1
     out = np.empty((n, 10, 10))
     jac, nxt, q = np.empty((6, 7)), np.empty(10), np.empty((10, 10))
     for i in range(n):
-        resting[i] = transition(par, s[i], tau, False, nxt, jac)
+        slow = s[i, 3] * s[i, 3] + s[i, 4] * s[i, 4] + s[i, 5] * s[i, 5] < rest_speed * rest_speed
+        resting[i] = transition(par, s[i], tau, slow, nxt, jac)
         process_covariance(par, s[i], nxt, tau, resting[i], jac, q)
         inverse = np.linalg.inv(q)
         out[i] = 0.5 * (inverse + inverse.T)
@@ -149,6 +157,24 @@ def _region(
 
 
 @njit(cache=True, error_model="numpy")
+def _acceleration(tau: float, s: Array, precision: float, g: Array, ab: Array) -> float:
+    """1/2 int |x''|^2 precision dt of the Hermite curve: the stiffness of a beam."""
+    a, b, c, d = 12.0 / tau**3, 6.0 / tau**2, 4.0 / tau, 2.0 / tau
+    k = precision * np.array([[a, b, -a, b], [b, c, -b, d], [-a, -b, a, -b], [b, d, -b, c]])
+    cost, at = 0.0, (0, 3, 10, 13)
+    for i in range(s.shape[0] - 1):
+        for axis in range(3):
+            q = (s[i, axis], s[i, 3 + axis], s[i + 1, axis], s[i + 1, 3 + axis])
+            for m in range(4):
+                force = k[m, 0] * q[0] + k[m, 1] * q[1] + k[m, 2] * q[2] + k[m, 3] * q[3]
+                cost += 0.5 * q[m] * force
+                g[10 * i + at[m] + axis] += force
+                for n in range(m + 1):
+                    ab[at[m] - at[n], 10 * i + at[n] + axis] += k[m, n]
+    return cost
+
+
+@njit(cache=True, error_model="numpy")
 def _process(
     par: Array, tau: float, s: Array, weight: Array, resting: BoolArray, g: Array, ab: Array, build: bool
 ) -> float:
@@ -204,8 +230,8 @@ def evaluate(
     par, tau : model parameters, see `camnet.estimation.pls.noise.PARAMETERS`; step, s
     weight, resting : inverse process covariances and where the model is at rest, as `weights` gives them
     points : (m,14) step, share of the step, position (3,), information (3,3); see the module's table
-    start : (9,) expected power and turn rate (4) of the first state, their inverse variances (4), and the inverse
-        variance of the last velocity about zero (0: free)
+    start : (10,) expected power and turn rate (4) of the first state, their inverse variances (4), the inverse
+        variance of the last velocity about zero (0: free), and the inverse density 1/S_a
     rows : (K,19) obstacles
     shape, edge : (3,) margin m, softness m, rate 1/s of obstacles and of the region's border
     planes, disc, polygon : bounds of the region, as in `camnet.control.references.RegionBounds`
@@ -214,6 +240,7 @@ def evaluate(
     g[:] = 0.0
     ab[:] = 0.0
     cost = _process(par, tau, s, weight, resting, g, ab, build)
+    cost += _acceleration(tau, s, start[9], g, ab)
     for k in range(4):
         away = s[0, 6 + k] - start[k]
         cost += 0.5 * start[4 + k] * away * away

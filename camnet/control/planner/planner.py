@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike
 from camnet.control.planner.curve import Curve
 from camnet.control.planner.obstacles import Obstacle, pack
 from camnet.control.planner.settings import PlannerSettings
-from camnet.control.planner.solver import Problem, Solution, minimise
+from camnet.control.planner.solver import Problem, Solution, minimise, objective
 from camnet.control.planner.starts import Knots, guesses, states_of
 from camnet.control.references import RegionBounds
 from camnet.errors import ConfigError
@@ -41,6 +42,13 @@ class Waypoint:
     covariance: Array
 
 
+class Level(NamedTuple):
+    """How often an attempt was repeated with a wider berth, and how often insisting more on the waypoints."""
+
+    berth: int = 0
+    insist: int = 0
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Plan:
     """A planned trajectory.
@@ -57,7 +65,8 @@ class Plan:
     iterations : linear solves of the descent that gave the plan
     near : obstacles whose influence the plan felt
     solves : linear solves in all, other starts included
-    warm : whether it began at the tail of the last plan
+    warm : whether it is the last plan renewed: same horizon, one step later
+    level : what the attempt that made it insisted on
     """
 
     states: Array
@@ -71,6 +80,7 @@ class Plan:
     solves: int
     near: int
     warm: bool
+    level: Level
     solution: Solution
 
 
@@ -100,7 +110,7 @@ class Planner:
             power_density=s.power_density,
             steering_density=s.steering_density,
             velocity_density=s.velocity_density,
-            rest_speed=s.rest_speed_mps,
+            rest_speed=1e-3 * s.rest_speed_mps,
             rest_density=s.rest_density,
         )
 
@@ -126,26 +136,31 @@ class Planner:
         p, v = np.asarray(p_world, dtype=float), np.asarray(v_world, dtype=float)
         _check(p, v, waypoints)
         rows, n = pack(obstacles), self._length(waypoints)
-        starts = self._warm(last, elapsed_steps, n, p, v, waypoints)
-        solves, best, cold = 0, None, False
         s = self.settings
-        margin = s.margin_m
+        warm = self._warm(last, elapsed_steps, n, p, v, waypoints)
+        extended = not warm or len(last.states) - elapsed_steps < n if last is not None else True
+        cold = self._cold(p, v, waypoints, rows, n, stop) if extended else []
+        starts = self._ranked([*warm, *cold[:1]], waypoints, rows, stop) + cold[1:]
+        renewed = bool(warm) and not extended
+        kept = last.solution.statistics.after(elapsed_steps) if last is not None and renewed else None
+        level = last.level if last is not None and renewed else Level()
+        solves, best = 0, None
         for attempt in range(s.attempts):
-            if attempt >= len(starts) and not cold:
-                cold = True
-                starts = starts + self._cold(p, v, waypoints, rows, n, stop)
+            if attempt == 1 and not cold:
+                starts += self._cold(p, v, waypoints, rows, n, stop)
             if attempt >= len(starts):
                 break
-            if attempt >= 2:
-                margin += 0.5 * s.safety_m
-            problem = self._problem(starts[attempt], waypoints, rows, margin, stop, 1.5**attempt)
-            solution = minimise(problem, starts[attempt], s.tolerance_m, s.iterations_max)
+            problem = self._problem(starts[attempt], waypoints, rows, level, stop)
+            solution = minimise(
+                problem, starts[attempt], s.tolerance_m, s.iterations_max, kept if attempt == 0 else None
+            )
             solves += solution.iterations
-            made = self._judge(solution, waypoints, rows, attempt == 0 and last is not None)
+            made = self._judge(solution, waypoints, rows, level, attempt == 0 and renewed)
             if best is None or _merit(made) < _merit(best):
                 best = made
             if made.safe and made.met:
                 break
+            level = Level(level.berth + (not made.safe), level.insist + (not made.met))
         assert best is not None
         return replace(best, solves=solves)
 
@@ -190,26 +205,38 @@ class Planner:
             out.append(states)
         return out
 
+    def _ranked(self, starts: list[Array], waypoints: Sequence[Waypoint], rows: Array, stop: bool) -> list[Array]:
+        """Starts in the order of the objective there."""
+        if len(starts) < 2:
+            return starts
+        costs = [objective(self._problem(s, waypoints, rows, Level(), stop), s) for s in starts]
+        return [starts[k] for k in np.argsort(costs)]
+
     def _problem(
-        self, guess: Array, waypoints: Sequence[Waypoint], rows: Array, margin: float, stop: bool, weight: float
+        self, guess: Array, waypoints: Sequence[Waypoint], rows: Array, level: Level, stop: bool
     ) -> Problem:
+        """Objective of an attempt; a wider berth also weighs more, insisting narrows the berth towards the safety."""
         s, tau, bounds = self.settings, self.settings.dt_s, self._bounds
+        rate = s.obstacle_rate_hz * 2.0**level.berth
+        berth = 0.5 * s.safety_m * level.berth
+        margin = s.safety_m + berth + (s.margin_m - s.safety_m) * 0.5**level.insist
+        weight = s.waypoint_weight * 3.0**level.insist
         points = np.empty((len(waypoints), 14))
         for row, w in zip(points, waypoints, strict=True):
             i = min(int(w.t_s / tau + 1e-9), len(guess) - 2)
             row[0], row[1], row[2:5] = i, w.t_s / tau - i, w.p_world
-            row[5:] = np.linalg.inv(w.covariance).ravel()
+            row[5:] = weight * np.linalg.inv(w.covariance).ravel()
         precision = [s.start_power_sd**-2, *3 * [s.start_turn_sd_radps**-2]]
-        start = np.array([*guess[0, 6:10], *precision, 1e4 if stop else 0.0])
+        start = np.array([*guess[0, 6:10], *precision, 1e4 if stop else 0.0, 1.0 / s.acceleration_density])
         return Problem(
-            self._model.parameters, tau, points, start, rows,
-            np.array([margin, s.softness_m, weight * s.obstacle_rate_hz]),
+            self._model.parameters, tau, points, start, s.rest_speed_mps, rows,
+            np.array([margin, s.softness_m, rate]),
             bounds.planes, bounds.disc, bounds.polygon,
-            np.array([s.region_margin_m + margin - s.safety_m, s.softness_m, weight * s.obstacle_rate_hz]),
+            np.array([s.region_margin_m + margin - s.safety_m, s.softness_m, rate]),
             s.samples_per_step,
         )  # fmt: skip
 
-    def _judge(self, solution: Solution, waypoints: Sequence[Waypoint], rows: Array, warm: bool) -> Plan:
+    def _judge(self, solution: Solution, waypoints: Sequence[Waypoint], rows: Array, level: Level, warm: bool) -> Plan:
         s = self.settings
         states = solution.states
         curve = Curve(states[:, :3].copy(), states[:, 3:6].copy(), s.dt_s)
@@ -230,8 +257,9 @@ class Planner:
             met=bool((deviations <= _GATE).all()),
             iterations=solution.iterations,
             solves=solution.iterations,
-            near=int(np.sum(gaps < s.margin_m + 4.0 * s.softness_m)),
+            near=int(np.sum(gaps < s.margin_m + 8.0 * s.softness_m)),
             warm=warm,
+            level=level,
             solution=solution,
         )
 

@@ -17,26 +17,29 @@ class PlannerSettings(Settings):
     """Prior, obstacle likelihood and stopping rule of a plan.
 
     ``alpha_per_s`` to ``rest_density`` are those of `camnet.estimation.pls.PowerLimitedSteering`; large densities let
-    a plan turn and accelerate freely. A point at distance d from an obstacle is unblocked with probability
+    a plan turn and accelerate freely; ``acceleration_density`` (m^2/s^3) is that of the manoeuvre
+    term of `camnet.control.planner.objective`. A point at distance d from an obstacle is unblocked with probability
     1/(1 + exp((margin_m - d)/softness_m)), ``obstacle_rate_hz`` times a second, looked at ``samples_per_step`` times
     a step. A plan is accepted only when its curve keeps ``safety_m`` from every obstacle and ``region_margin_m`` from
-    the region's border. It has converged when no position moves by more than ``tolerance_m``.
+    the region's border; waypoints count ``waypoint_weight`` times, a reserve. It has converged when no position moves by more than ``tolerance_m``.
     """
 
     dt_s: Positive = 1.0
     alpha_per_s: Positive = 0.01
     beta_mps2: Positive = 0.4
-    power_density: Positive = 1.0
-    steering_density: Positive = 0.02
-    velocity_density: Positive = 0.02
-    rest_speed_mps: Positive = 0.2
-    rest_density: Positive = 0.5
+    power_density: Positive = 4.0
+    steering_density: Positive = 0.05
+    velocity_density: Positive = 2.0
+    acceleration_density: Positive = 2.0
+    rest_speed_mps: Positive = 2.0
+    rest_density: Positive = 2.0
     start_power_sd: Positive = 2.0
     start_turn_sd_radps: Positive = 0.5
     safety_m: NonNegative = 0.3
-    margin_m: Positive = 0.8
+    margin_m: Positive = 0.7
     softness_m: Positive = 0.15
-    obstacle_rate_hz: Positive = 20.0
+    waypoint_weight: Positive = 2.0
+    obstacle_rate_hz: Positive = 8.0
     samples_per_step: _Count = 6
     region_margin_m: NonNegative = 0.25
     tolerance_m: Positive = 0.05

@@ -9,9 +9,9 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from camnet.control.planner.distance_kernel import ROW
 from camnet.control.planner.objective import BAND, evaluate, system, weights
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
-__all__ = ["Problem", "Solution", "minimise"]
+__all__ = ["Problem", "Solution", "Statistics", "minimise", "objective"]
 
 _DAMPING_MAX = 1e8
 #: smallest relative decrease that counts as progress
@@ -26,6 +26,7 @@ class Problem:
     tau: float
     points: Array
     start: Array
+    rest_speed: float
     rows: Array = field(default_factory=lambda: np.zeros((0, ROW)))
     shape: Array = field(default_factory=lambda: np.ones(3))
     planes: Array = field(default_factory=lambda: np.zeros((0, 4)))
@@ -36,8 +37,20 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Statistics:
+    """Inverse process covariances ``weight`` (n-1,10,10) and where the model rests (n-1,), frozen during a descent."""
+
+    weight: Array
+    resting: BoolArray
+
+    def after(self, steps: int) -> Statistics:
+        """Those of the trajectory's tail."""
+        return Statistics(self.weight[steps:], self.resting[steps:])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Solution:
-    """Trajectory (n,10), objective, linear solves, whether it converged, and the steps (m) of the iterations."""
+    """Trajectory (n,10), objective, linear solves, whether it converged; steps (m) and objectives on the way."""
 
     states: Array
     cost: float
@@ -45,41 +58,62 @@ class Solution:
     converged: bool
     steps: tuple[float, ...]
     costs: tuple[float, ...]
+    statistics: Statistics
 
 
-def minimise(problem: Problem, guess: Array, tolerance_m: float, iterations_max: int) -> Solution:
-    """Trajectory (n,10) of least objective near ``guess``, whose first position and velocity are held.
+def objective(problem: Problem, states: Array) -> float:
+    """Objective at a trajectory (n,10), its own process covariances in force."""
+    return _Objective(problem, states, None)(states)
 
-    Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases any more.
-    """
-    s, n = np.array(guess, dtype=float), len(guess)
-    resting = np.zeros(n - 1, dtype=np.bool_)
-    fixed = problem
-    weight = weights(fixed.parameters, fixed.tau, s, resting)
-    g, ab = np.empty(10 * n), np.empty((BAND, 10 * n))
 
-    def at(states: Array, build: bool) -> float:
+class _Objective:
+    """The objective, the process covariances frozen about ``states``; calling it also fills ``g`` and ``ab``."""
+
+    def __init__(self, problem: Problem, states: Array, kept: Statistics | None) -> None:
+        n = len(states)
+        self._problem = problem
+        if kept is not None and len(kept.weight) == n - 1:
+            self._weight, self._resting = kept.weight, kept.resting
+        else:
+            self._resting = np.zeros(n - 1, dtype=np.bool_)
+            self._weight = weights(problem.parameters, problem.tau, states, problem.rest_speed, self._resting)
+        self.statistics = Statistics(self._weight, self._resting)
+        self.g, self.ab = np.empty(10 * n), np.empty((BAND, 10 * n))
+
+    def __call__(self, states: Array) -> float:
+        q = self._problem
+        bounds = (q.rows, q.shape, q.planes, q.disc, q.polygon, q.edge, q.samples)
         return float(
             evaluate(
-                fixed.parameters, fixed.tau, states, weight, resting, fixed.points, fixed.start, fixed.rows,
-                fixed.shape, fixed.planes, fixed.disc, fixed.polygon, fixed.edge, fixed.samples, g, ab, build,
+                q.parameters, q.tau, states, self._weight, self._resting, q.points, q.start, *bounds,
+                self.g, self.ab, True,
             )
         )  # fmt: skip
 
+
+def minimise(
+    problem: Problem, guess: Array, tolerance_m: float, iterations_max: int, kept: Statistics | None = None
+) -> Solution:
+    """Trajectory (n,10) of least objective near ``guess``, whose first position and velocity are held.
+
+    ``kept`` are the statistics of the plan that ``guess`` continues (None: taken about the guess). Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases any more.
+    """
+    s, n = np.array(guess, dtype=float), len(guess)
+    at = _Objective(problem, s, kept)
     damping, steps = 0.0, []
-    cost = at(s, True)
+    cost = at(s)
     costs, converged = [cost], False
     while len(steps) < iterations_max and not converged:
-        system(g, ab)
-        gradient, band = g.copy(), ab.copy()
+        system(at.g, at.ab)
+        gradient, band = at.g.copy(), at.ab.copy()
         while True:
             trial = _step(band, gradient, damping, n)
-            new = at(s + trial, True) if trial is not None else np.inf
+            new = at(s + trial) if trial is not None else np.inf
             if new <= cost + 1e-12 * abs(cost):
                 break
             damping = max(4.0 * damping, 1e-3)
             if damping > _DAMPING_MAX:
-                return Solution(s, cost, len(steps) + 1, True, (*steps, 0.0), tuple(costs))
+                return Solution(s, cost, len(steps) + 1, True, (*steps, 0.0), tuple(costs), at.statistics)
         assert trial is not None
         s = s + trial
         steps.append(float(np.linalg.norm(trial[:, :3], axis=1).max()))
@@ -87,7 +121,7 @@ def minimise(problem: Problem, guess: Array, tolerance_m: float, iterations_max:
         cost = new
         costs.append(cost)
         damping = 0.25 * damping if damping > 1e-3 else 0.0
-    return Solution(s, cost, len(steps), converged, tuple(steps), tuple(costs))
+    return Solution(s, cost, len(steps), converged, tuple(steps), tuple(costs), at.statistics)
 
 
 def _step(band: Array, gradient: Array, damping: float, n: int) -> Array | None:
