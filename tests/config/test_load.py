@@ -33,7 +33,7 @@ def test_shipped_worlds_come_back_from_their_dump(name: str, tmp_path: Path):
 
 
 def test_the_catalogue_counts_what_is_in_the_files():
-    assert camnet.worlds.names() == ("quickstart", "stationary_loop")
+    assert {"quickstart", "stationary_loop"} <= set(camnet.worlds.names())
     summary = camnet.worlds.describe("quickstart")
     assert (summary.regions, summary.agents, summary.fixed_cameras, summary.targets) == (4, 4, 0, 1)
     assert camnet.worlds.describe("stationary_loop").fixed_cameras == 6
