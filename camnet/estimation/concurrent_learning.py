@@ -197,6 +197,11 @@ class MotionModel:
         return dt_s * self._settings.kcl * self._settings.gamma
 
     @property
+    def form(self) -> str:
+        """``twist`` or ``stacked``: what the outputs are."""
+        return self._settings.form
+
+    @property
     def psi(self) -> Array:
         """Composite history stack Psi (p, p), (3-14), (4-21)."""
         a = self._settings.alpha
