@@ -138,7 +138,7 @@ def run_periods(
                 last[0, 23],
             )
             bound = advance_envelopes(a2, b, realised, d_bar, layer, k1, last[0, 23])
-            outside += np.any(errors > bound + tolerance)
+            outside += int(np.any(errors > bound + tolerance))
         norms[k] = realised_disturbance(
             t[:, :3], t[:, 3:7], t[:, 7:10], t[:, 10:], u[:, :3], u[:, 3:], dt[k], d
         )

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 from camnet.config.load import load_scenario
+from camnet.config.models import Scenario
+from camnet.errors import WorldError
 from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.run import decide, open_simulation, setpoints_for
 from camnet.world.protocol import CameraCommand
@@ -34,6 +36,8 @@ def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[
         "share_of_bare"}]}``; medians over rounds.
     """
     scenario = load_scenario("quickstart")
+    if not isinstance(scenario, Scenario):
+        raise WorldError("quickstart is no network")
     agents, step_hz = len(scenario.agents), scenario.physics.step_hz
     loops = {name: open_simulation(scenario, seed, filters) for name, filters in CASES.items()}
     flights = {"world alone": open_simulation(scenario, seed, ("learned",))}
