@@ -273,8 +273,8 @@ def _print_transitions(transitions: list[dict[str, Any]]) -> None:
     for t in worst[:_MOST_ROWS]:
         best = t.get("learned", t.get("sound", {}))
         print(
-            f"{t['from'] + ' > ' + str(t['to']):32.32s} {t['gap_m']:8.2f}  "
-            f"{t.get('sound', {}).get('verdict', '-'):15s} {t.get('learned', {}).get('verdict', '-'):15s} {_text(best.get('margin_m')):>9s} "
+            f"{t['from'] + ' > ' + str(t['to']):32.32s} {t['gap_m']:8.2f}  {_verdict(t, 'sound'):15s} "
+            f"{_verdict(t, 'learned'):15s} {_text(best.get('margin_m')):>9s} "
             f"{_text(best.get('trust_horizon_s')):>8s}  {best.get('binding', '')}"
         )
     if len(transitions) > _MOST_ROWS:
@@ -289,3 +289,7 @@ def _margin(transition: dict[str, Any]) -> float:
 
 def _text(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
+
+
+def _verdict(transition: dict[str, Any], name: str) -> str:
+    return str(transition.get(name, {}).get("verdict", "-"))

@@ -4,10 +4,10 @@
 | --- | --- | --- | --- |
 | phi | ``true_velocity`` | m/s | the velocity that the world's target has at a place |
 | phi_hat | ``LearnedModel.fields`` | m/s | the velocity that the estimator has learned |
-| e_v | ``model_errors`` | m/s | sup norm(phi - phi_hat) + (1 - u) v where the target can be |
+| e_v | ``model_errors`` | m/s | sup norm(phi - phi_hat) + (1 - u) v |
 
-``e_v`` is needed only where the target itself can be: within ``corridor_m`` of its path (docs/theory.md, section 8). The
-supremum is taken on a grid in the corridor, plus the largest change between neighbours. The last term covers the
+``e_v`` is needed only where the target itself can be: within ``corridor_m`` of its path (docs/theory.md, section 8).
+The supremum is taken on a grid in the corridor, plus the largest change between neighbours. The last term covers the
 prior that the predictor blends in where the model has no data; u is the share that the model answers for.
 """
 

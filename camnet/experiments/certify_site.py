@@ -21,7 +21,9 @@ from camnet.certification.site import (
 )
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
 from camnet.errors import ConfigError, WorldError
-from camnet.experiments.certify_world import Certified, free_lines, road_lines
+from camnet.experiments.certified import Certified
+from camnet.experiments.certify_road_world import road_lines
+from camnet.experiments.certify_world import free_lines
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.settings import CameraModel, Intrinsics

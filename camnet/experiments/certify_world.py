@@ -12,50 +12,27 @@ Dwell times are those of the estimator's Lyapunov analysis, unless the designer 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from camnet.certification.coverage import Views
 from camnet.certification.free_network import FreeTargetClass, GroundView, certify_free
-from camnet.certification.road_arcs import arcs_from_roads
-from camnet.certification.site import certify_road_site, road_segments_with_verdict, views_of
-from camnet.certification.transitions import GrowthModel, RoadTargetClass
 from camnet.config.models import Scenario
-from camnet.errors import CertificateError
+from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import certify_learned, flow_case, ground_of, learned_path
+from camnet.experiments.certify_road_world import certify_on_roads
 from camnet.experiments.learned_model import LearnedModel
-from camnet.geometry.frustum import Frustum
 from camnet.motion.settings import RoadTarget, VectorFieldTarget
 from camnet.report.certificate import MapLine
-from camnet.simulation.certificates import feature_extent, network_certificates, network_report, view_radius
+from camnet.simulation.certificates import feature_extent, network_report
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array
 
-__all__ = [
-    "Certified",
-    "certify_world",
-    "free_lines",
-    "lyapunov_off",
-    "nominal_path",
-    "road_lines",
-    "road_views",
-]
+__all__ = ["certify_world", "free_lines", "nominal_path"]
 
-#: a time in view that stands for "as long as one likes", s
-_LONG_S = 1e6
 #: step of the nominal path, s
 _STEP_S = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Certified:
-    """A report ready for JSON, and what its map shows: views as (name, outline (K, 2)) and lines."""
-
-    report: dict[str, Any]
-    views: list[tuple[str, Array]]
-    lines: list[MapLine] = field(default_factory=list)
 
 
 def certify_world(
@@ -82,7 +59,7 @@ def certify_world(
     network = build_network(scenario)
     motion = scenario.targets[0].motion
     if isinstance(motion, RoadTarget):
-        part = _on_roads(network, motion, model_error_mps)
+        part = certify_on_roads(network, motion, model_error_mps)
     elif isinstance(motion, VectorFieldTarget) or model is not None:
         part = _along_flow(network, model, model_error_mps, find_largest)
     else:
@@ -119,24 +96,6 @@ def _complete(network: Network, part: Certified) -> Certified:
         "assumptions": dwell["assumptions"],
     }
     return Certified(content, part.views, part.lines)
-
-
-def _dwell_times(network: Network, may_state: bool = True) -> tuple[float | None, float | None, str]:
-    """Return (Dt_off, Dt_on) in force, s, and where they come from."""
-    stated = network.scenario.certificate.off_max_s
-    if may_state and stated is not None:
-        return stated, 0.0, "stated by the designer"
-    bounds = network_certificates(network).sound
-    off, on = lyapunov_off(network), bounds.on_min(h=True).seconds
-    return off, on, "Lyapunov analysis of the estimator, model learned"
-
-
-def lyapunov_off(network: Network) -> float | None:
-    """Return the longest time out of view that the estimator's analysis allows, model learned, s; None if none."""
-    bounds = network_certificates(network).sound
-    times = [bounds.off_max(_LONG_S, 0.5 * _LONG_S, d=True, h=h).seconds for h in (False, True)]
-    known = [t for t in times if t is not None]
-    return max(known) if known else None
 
 
 def nominal_path(network: Network, laps_s: float = 300.0) -> tuple[Array, Array]:
@@ -195,9 +154,7 @@ def _along_flow(
 ) -> Certified:
     ground = ground_of(network)
     t_s, path = nominal_path(network)
-    off, on, source = _dwell_times(
-        network, may_state=False
-    )  # a hostile target need not keep the path's times
+    off, on, source = dwell_times(network, may_state=False)  # a hostile target need not keep the path's times
     gaps = _gaps_of(t_s, path, ground)
     speed = float(np.linalg.norm(np.diff(path, axis=0), axis=1).min() / _STEP_S)
     entries: dict[str, dict[str, Any]] = {}
@@ -315,83 +272,9 @@ def _outlines(ground: list[GroundView]) -> list[tuple[str, Array]]:
     return [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
 
 
-def _on_roads(network: Network, motion: RoadTarget, model_error_mps: float | None) -> Certified:
-    scenario = network.scenario
-    target = RoadTargetClass(*motion.speed_mps, feature_extent(network) + 2.0 * motion.lateral_std_m)
-    roads = arcs_from_roads(
-        [np.array(r.points_m, dtype=float) for r in scenario.roads], [r.closed for r in scenario.roads]
-    )
-    off, on, source = _dwell_times(network)
-    growth = None
-    if model_error_mps is not None:
-        e0 = scenario.certificate.initial_error_m
-        growth = GrowthModel(0.05 if e0 is None else e0, model_error_mps)
-    names, views = road_views(network)
-    occluders = [_half_spaces(o) for o in network.occluders] if network.n_agents == 0 else []
-    limits = (
-        None
-        if network.n_agents == 0
-        else np.array([view_radius(network, j) for j in range(network.n_agents)])
-    )
-    report, gaps, tables = certify_road_site(
-        roads,
-        views,
-        names,
-        target,
-        height_m=0.0,
-        off_max_s=off,
-        on_min_s=on,
-        growth=growth,
-        occluders=occluders,
-        largest_m=limits,
-        constants={"off_max_s": off, "on_min_s": on, "dwell_source": source},
-    )
-    pieces = road_segments_with_verdict(roads, gaps, tables["learned" if growth else "sound"])
-    return Certified(report, _outlines(ground_of(network)), road_lines(pieces))
-
-
-def road_lines(pieces: dict[str, list[Array]]) -> list[MapLine]:
-    """Return the lines of a road map."""
-    verdicts = {"seen": "seen", "certified": "certified", "uncertified": "not certified"}
-    return [MapLine(line, verdicts[k], verdicts[k]) for k, lines in pieces.items() for line in lines]
-
-
-def road_views(network: Network) -> tuple[list[str], Views]:
-    """Return fields of view of fixed cameras, or the operating regions of agents as upright views."""
-    if network.n_agents == 0:
-        specs = network.description.cameras
-        frusta = [Frustum.from_camera(c.camera).in_world(c.p_world, c.q_world) for c in specs]
-        return [c.name for c in specs], views_of(frusta, np.array([c.p_world for c in specs]))
-    ground = ground_of(network)
-    faces = max(len(g.view.offsets) for g in ground)
-    normals, offsets = np.zeros((len(ground), faces, 3)), np.zeros((len(ground), faces))
-    corners = []
-    for k, g in enumerate(ground):
-        rows = np.arange(faces) % len(g.view.offsets)  # repeated faces change nothing
-        normals[k, :, :2], offsets[k] = g.view.normals[rows], g.view.offsets[rows]
-        x0, y0, x1, y1 = g.outline.bounds
-        corners.append([[x0, y0, 0.0], [x1, y1, 0.0]])
-    centres = np.array([r.center for r in network.regions])
-    return [g.name for g in ground], Views.create(normals, offsets, np.array(corners), centres)
-
-
-def _half_spaces(region: Any) -> tuple[Array, Array]:  # noqa: ANN401 - any solid with an outline
-    """Return a convex solid as half-spaces."""
-    corners = np.asarray(region.footprint(), dtype=float)
-    centre = corners.mean(axis=0)
-    along = np.roll(corners, -1, axis=0) - corners
-    normals = np.c_[along[:, 1], -along[:, 0]] / np.linalg.norm(along, axis=1, keepdims=True)
-    offsets = np.einsum("fi,fi->f", normals, corners)
-    if (normals @ centre > offsets + 1e-9).any():
-        raise CertificateError(f"occluder {region.name!r} is not convex: split it into convex parts")
-    low, high = (float(h) for h in region.height)
-    a = np.r_[np.c_[normals, np.zeros(len(normals))], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]]
-    return a, np.r_[offsets, -low, high]
-
-
 def _free(network: Network) -> Certified:
     ground = ground_of(network)
-    off, on, source = _dwell_times(network)
+    off, on, source = dwell_times(network)
     target = FreeTargetClass(network.scenario.targets[0].v_max_mps, feature_extent(network))
     e0 = network.scenario.certificate.initial_error_m
     report = certify_free(ground, target, off, on, 0.05 if e0 is None else e0)

@@ -16,8 +16,9 @@ from camnet.certification.road_gaps import road_gaps
 from camnet.certification.site import certify_road_site, road_segments_with_verdict
 from camnet.certification.transitions import RoadTargetClass
 from camnet.errors import CertificateError
+from camnet.experiments.certified import Certified
+from camnet.experiments.certify_road_world import road_lines
 from camnet.experiments.certify_site import RoadSite, read_road_site, read_sensors, sensor_views
-from camnet.experiments.certify_world import Certified, road_lines
 from camnet.importers.sumo_detectors import Sensor
 from camnet.types import Array
 

@@ -23,8 +23,9 @@ from camnet.certification.road_gaps import road_gaps
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
 from camnet.config.models import Scenario
 from camnet.errors import CertificateError
+from camnet.experiments.certified import lyapunov_off
 from camnet.experiments.certify_flow import FlowCase, flow_case
-from camnet.experiments.certify_world import lyapunov_off, road_views
+from camnet.experiments.certify_road_world import road_views
 from camnet.experiments.falsify_flow import Attack, attack_flow
 from camnet.experiments.falsify_road import RoadCase, attack_roads
 from camnet.experiments.learned_model import LearnedModel

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import njit
 from scipy.optimize import differential_evolution
 
 from camnet.certification.crossing import Crossing, certify_crossing, meeting
@@ -28,7 +29,7 @@ from camnet.certification.reachable import TubeReach
 from camnet.experiments.certify_flow import FlowCase
 from camnet.types import Array, BoolArray
 
-__all__ = ["Attack", "attack_flow", "search"]
+__all__ = ["Attack", "attack_flow", "search", "velocities"]
 
 #: share of the trials by kind: the rest is optimised
 _RANDOM, _BANG = 0.4, 0.4
@@ -36,6 +37,8 @@ _RANDOM, _BANG = 0.4, 0.4
 _ANGLES, _POPULATION = 8, 4
 #: rounding of the flight and of the tube's path, m
 _TOLERANCE_M = 1e-6
+#: squared distance, in standard deviations, beyond which a kernel is left out
+_FAR = 36.0
 #: targets are followed for at most this long, s
 _LONGEST_S = 30.0
 
@@ -229,7 +232,7 @@ def _step(learned: PlanarField, p: Array, d: Array, h: float, v_max_mps: float) 
     """Advance by the classical Runge-Kutta method, the velocity within its bound at every stage."""
 
     def velocity(x: Array) -> Array:
-        v = learned.velocity(x) + d
+        v = velocities(x, learned.centres, learned.precision, learned.weights) + d
         speed = np.linalg.norm(v, axis=1, keepdims=True)
         return np.asarray(v * np.minimum(1.0, v_max_mps / np.maximum(speed, 1e-12)))
 
@@ -238,3 +241,18 @@ def _step(learned: PlanarField, p: Array, d: Array, h: float, v_max_mps: float) 
     k3 = velocity(p + 0.5 * h * k2)
     k4 = velocity(p + h * k3)
     return np.asarray(p + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
+
+
+@njit(cache=True)
+def velocities(x: Array, centres: Array, precision: Array, weights: Array) -> Array:
+    """Return ``PlanarField.velocity`` of points (n, 2), kernels further than six standard deviations left out."""
+    out = np.zeros(x.shape)
+    for i in range(x.shape[0]):
+        for k in range(centres.shape[0]):
+            a, b = x[i, 0] - centres[k, 0], x[i, 1] - centres[k, 1]
+            quad = a * a * precision[k, 0, 0] + 2.0 * a * b * precision[k, 0, 1] + b * b * precision[k, 1, 1]
+            if quad < _FAR:
+                sigma = math.exp(-0.5 * quad)
+                out[i, 0] += sigma * weights[k, 0]
+                out[i, 1] += sigma * weights[k, 1]
+    return out

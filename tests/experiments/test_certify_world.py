@@ -1,0 +1,255 @@
+"""Worlds and sites through the certifier, the falsifier and the designer, with a model made by hand where one is needed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from camnet.certification.free_network import FreeTargetClass
+from camnet.certification.growth import PlanarField
+from camnet.certification.transitions import RoadTargetClass
+from camnet.config.load import load_scenario
+from camnet.errors import CertificateError, DataError
+from camnet.experiments.certify_flow import certify_learned, flow_case, model_errors, true_velocity
+from camnet.experiments.certify_site import (
+    certify_cameras,
+    certify_road_cameras,
+    check_recorded,
+    usable_frustum,
+)
+from camnet.experiments.certify_world import certify_world, nominal_path
+from camnet.experiments.falsify import falsify_world
+from camnet.experiments.falsify_flow import velocities
+from camnet.experiments.learned_model import LearnedModel, load_model
+from camnet.geometry.settings import Intrinsics
+from camnet.importers.sumo_detectors import read_detectors, read_sensor_table
+from camnet.report.certificate import write_certificate
+from camnet.simulation.network import build_network
+
+MOVED = "fixed_cameras.north.pose.position_m=[0, 6.6, 3.4]"
+
+
+def fitted_model(network):
+    """The world's own motion, fitted to the kernels by least squares in a band about the path: a model without a run."""
+    t, path = nominal_path(network, 160.0)
+    path, t = path[::4], t[::4]
+    inside = np.array([region.contains(np.c_[path, np.full(len(path), 0.3)]) for region in network.regions])
+    seen = np.where(inside.any(axis=0), inside.argmax(axis=0), -1)
+    along = np.gradient(path, axis=0)
+    across = np.c_[-along[:, 1], along[:, 0]] / np.linalg.norm(along, axis=1, keepdims=True)
+    band = np.concatenate([path + s * across for s in (-0.1, 0.0, 0.1)])
+    delta = band[:, None] - network.basis.centres
+    sigma = np.exp(-0.5 * np.einsum("nki,kij,nkj->nk", delta, network.basis.precision, delta))
+    goal = np.c_[true_velocity(network, band), np.ones(len(band))]
+    fit = np.linalg.solve(sigma.T @ sigma + 1e-3 * np.eye(sigma.shape[1]), sigma.T @ goal)
+    weights = np.zeros((network.basis.size, 8))
+    weights[:, :2], weights[:, 7] = fit[:, :2], fit[:, 2]
+    gaps = np.zeros((0, 5))
+    return LearnedModel(
+        network.basis.centres,
+        network.basis.precision,
+        np.repeat(weights[None], len(network.regions), axis=0),
+        np.c_[t, path, seen],
+        gaps,
+    )
+
+
+@pytest.fixture(scope="module")
+def certified_world():
+    scenario = load_scenario("stationary_certified")
+    return scenario, fitted_model(build_network(scenario))
+
+
+def test_the_shipped_layout_is_certified_and_hostile_targets_confirm_it(certified_world, tmp_path):
+    scenario, model = certified_world
+    done = certify_world(scenario, model, find_largest=False)
+    report = done.report
+    assert report["certificates"]["published"]["verdict"] == "unsatisfiable"
+    assert report["certificates"]["learned"]["verdict"] == "certified"
+    pairs = {(t["from"], t["to"]) for t in report["transitions"]}
+    assert pairs == {("east", "north"), ("north", "west"), ("west", "south"), ("south", "east")}
+    assert report["uncertified"] == []
+    json.dumps(report, allow_nan=False)
+    write_certificate(tmp_path, report, done.views, done.lines)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<title>east to north" in page
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    attack = falsify_world(scenario, 240, 0, model)
+    assert attack["violations"] == {"sound": 0, "learned": 0}
+    assert attack["closest_fraction"]["learned"] > 0.5  # not vacuous
+    assert attack["lost"] == 0
+
+
+def test_moving_one_camera_takes_the_certificate_away_and_targets_are_lost(certified_world):
+    _, model = certified_world
+    scenario = load_scenario("stationary_certified", [MOVED])
+    report = certify_world(scenario, model, find_largest=False).report
+    assert report["certificates"]["learned"]["verdict"] == "not certified"
+    assert {"from": "east", "to": "west"} in report["uncertified"]
+    attack = falsify_world(scenario, 90, 0, model)
+    assert attack["violations"]["learned"] == 0
+    assert attack["lost"] > 0
+
+
+def test_a_model_error_that_is_too_small_is_found_out(certified_world):
+    """The falsifier can fail a certificate: one whose tube rests on a fraction of the true error."""
+    scenario, model = certified_world
+    from camnet.experiments import falsify_flow
+
+    case = flow_case(build_network(scenario), model, 0.03)
+    honest = falsify_flow._scene(
+        case, falsify_flow.flow_exits(case.fields, case.ground, case.start, 100.0)[0]
+    )
+    small = flow_case(build_network(scenario), model, 0.003)
+    liar = falsify_flow._scene(small, honest.leave)
+    attack = falsify_flow.Attack()
+    mixed = falsify_flow._Scene(
+        case, honest.field, honest.leave, liar.tube, liar.claim, honest.steps, honest.look
+    )
+    falsify_flow._judge(mixed, np.random.default_rng(0).uniform(0, 6.28, (40, 9)), True, attack)
+    assert attack.violations > 0
+
+
+def test_model_error_bounds_the_difference_on_a_finer_grid(certified_world):
+    scenario, model = certified_world
+    network = build_network(scenario)
+    limits = model_errors(network, model)
+    path = model.path[:, 1:3]
+    rng = np.random.default_rng(1)
+    points = path[rng.integers(0, len(path), 400)] + rng.uniform(-0.007, 0.007, (400, 2))
+    error = np.linalg.norm(true_velocity(network, points) - model.fields()[0].velocity(points), axis=1)
+    assert error.max() <= max(limits)
+    assert max(limits) < 0.05
+
+
+def test_compiled_velocities_agree_with_the_field(certified_world):
+    _, model = certified_world
+    field: PlanarField = model.fields()[0]
+    x = np.random.default_rng(2).uniform(-5, 5, (50, 2))
+    np.testing.assert_allclose(
+        velocities(x, field.centres, field.precision, field.weights), field.velocity(x), atol=1e-6
+    )
+
+
+def test_models_are_saved_and_wrong_ones_refused(certified_world, tmp_path):
+    scenario, model = certified_world
+    model.save(tmp_path / "model.npz")
+    again = load_model(tmp_path / "model.npz")
+    np.testing.assert_array_equal(again.weights, model.weights)
+    (tmp_path / "no.npz").write_text("x")
+    with pytest.raises(DataError, match="not a learned model"):
+        load_model(tmp_path / "no.npz")
+    fewer = LearnedModel(model.centres, model.precision, model.weights[:2], model.path, model.gaps)
+    with pytest.raises(CertificateError, match="learn it again"):
+        flow_case(build_network(scenario), fewer)
+
+
+def test_mobile_network_reports_every_gap_and_its_binding_constraint():
+    scenario = load_scenario("quickstart", ["estimator.basis.width_m=1.0", "estimator.basis.spacing_m=0.8"])
+    network = build_network(scenario)
+    case = flow_case(network, fitted_model(network))
+    assert len(case.agents) == 4
+    report = certify_learned(case, find_largest=False)
+    assert report["network"] == {"cameras": 4, "regions": 4}
+    assert [(t["from"], t["to"]) for t in report["transitions"]][:1] != []
+    assert all(t["learned"]["binding"] for t in report["transitions"])
+
+
+def test_road_world_by_hand_and_hostile_drivers():
+    scenario = load_scenario("patrol")
+    report = certify_world(scenario, model_error_mps=0.05).report
+    assert report["certificates"]["sound"]["verdict"] == "certified"
+    # views of 8 tan(31 deg) = 4.8 m to each side, less the extent; 40 m of road between the corners
+    entry = next(t for t in report["transitions"] if (t["from"], t["to"]) == ("north_west", "north_east"))
+    assert entry["gap_m"] == pytest.approx(40 - 2 * (4.8 - 0.3), abs=0.5)
+    shorter = certify_world(scenario, off_max_s=30.0).report
+    assert shorter["certificates"]["sound"]["verdict"] == "not certified"
+    attack = falsify_world(scenario, 400, 0, model_error_mps=0.05)
+    assert attack["violations"] == {"sound": 0, "learned": 0}
+    assert attack["closest_fraction"]["sound"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_wrong_longest_way_is_found_out():
+    from dataclasses import replace
+
+    from camnet.experiments.falsify import _road_case
+    from camnet.experiments.falsify_road import attack_roads
+
+    network = build_network(load_scenario("patrol"))
+    case = _road_case(network, network.scenario.targets[0].motion, None)
+    wrong = replace(case, gaps=replace(case.gaps, longest_m=case.gaps.longest_m - 0.5))
+    sound, _ = attack_roads(wrong, 200, np.random.default_rng(0))
+    assert sound.violations > 0
+
+
+def test_distortion_that_folds_over_cuts_the_view():
+    fine = Intrinsics(width_px=1920, height_px=1080, fx_px=1000, fy_px=1000, cx_px=960, cy_px=540)
+    assert usable_frustum("a", fine, 1.0, 80.0)[1] == 1.0
+    folds = fine.model_copy(update={"distortion": (-0.45, 0.0, 0.0, 0.0)})
+    frustum, share = usable_frustum("b", folds, 1.0, 80.0)
+    assert 0.3 < share < 1.0
+    # r (1 - 0.45 r^2) rises up to r = 1 / sqrt(1.35): no corner of the view may be beyond it
+    assert np.hypot(frustum.tangents[1], frustum.tangents[3]) <= 1 / np.sqrt(1.35) + 1e-9
+
+
+def test_surveyed_cameras_against_recorded_people(shared_data):
+    from camnet.importers.csv_tracks import read_csv_tracks
+    from camnet.importers.fixes import TrackOptions
+    from camnet.importers.geodesy import Origin
+
+    target = FreeTargetClass(2.0, 0.3)
+    done, views, names, warnings = certify_cameras(
+        shared_data / "meva" / "cameras", target, image_px=(1920, 1080), range_m=80.0
+    )
+    assert len(done.report["transitions"]) == 14 * 13
+    assert [w[:4] for w in warnings] == ["G638"]
+    origin = Origin(39.04977294, -85.52924953, 205.0)
+    tracks = read_csv_tracks(shared_data / "meva" / "tracks.csv.gz", TrackOptions(origin=origin))[:12]
+    found = check_recorded(tracks, views, names, target, 0.0)
+    assert found["checked"] > 1000
+    assert found["outside"] == 0
+    faster = check_recorded(tracks, views, names, FreeTargetClass(found["least_v_max_mps"] + 1e-6, 0.3), 0.0)
+    assert faster["outside_all"] == 0
+
+
+NET = """<net><edge id="e" from="a" to="b"><lane id="e_0" index="0" shape="0.0,0.0 100.0,0.0 100.0,50.0"/></edge></net>"""
+
+
+def test_detectors_lie_on_their_lanes(tmp_path: Path):
+    (tmp_path / "net.xml").write_text(NET)
+    add = tmp_path / "d.add.xml"
+    add.write_text(
+        '<additional><e1Detector id="d" lane="e_0" pos="120"/><e1Detector id="near" lane="e_0" pos="121"/>'
+        '<e1Detector id="back" lane="e_0" pos="-140"/></additional>'
+    )
+    found = read_detectors(add, tmp_path / "net.xml")
+    assert [(s.name, s.x_m, s.y_m) for s in found] == [("d", 100.0, 20.0), ("back", 10.0, 0.0)]
+    add.write_text('<additional><e1Detector id="d" lane="x_0" pos="1"/></additional>')
+    with pytest.raises(DataError, match="lane 'x_0'"):
+        read_detectors(add, tmp_path / "net.xml")
+    table = tmp_path / "c.csv"
+    table.write_text("name,x,y,cost\na,1,2,3\n")
+    assert read_sensor_table(table)[0].cost == 3.0
+    table.write_text("name,x\na,1\n")
+    with pytest.raises(DataError, match="header"):
+        read_sensor_table(table)
+
+
+def test_city_with_its_detectors(shared_data):
+    pytest.importorskip("sumolib")
+    folder = shared_data / "bologna"
+    done = certify_road_cameras(
+        folder / "joined_buslanes.net.xml",
+        folder / "joined_detectors.add.xml",
+        RoadTargetClass(5.0, 14.0, 1.0),
+        footprint_m=30.0,
+        off_max_s=60.0,
+        on_min_s=0.0,
+    )
+    assert done.report["network"]["cameras"] > 40
+    assert done.report["certificates"]["sound"]["verdict"] == "not certified"
+    assert any(t["sound"]["verdict"] == "certified" for t in done.report["transitions"])
+    json.dumps(done.report, allow_nan=False)
