@@ -1,4 +1,4 @@
-"""Worlds and sites through the certifier, the falsifier and the designer, with a model made by hand where one is needed."""
+"""Worlds and sites through the certifier and the falsifier, with a model made by hand where one is needed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MOVED = "fixed_cameras.north.pose.position_m=[0, 6.6, 3.4]"
 
 
 def fitted_model(network):
-    """The world's own motion, fitted to the kernels by least squares in a band about the path: a model without a run."""
+    """The world's own motion, fitted by least squares in a band about the path: a model without a run."""
     t, path = nominal_path(network, 160.0)
     path, t = path[::4], t[::4]
     inside = np.array([region.contains(np.c_[path, np.full(len(path), 0.3)]) for region in network.regions])
@@ -215,7 +215,8 @@ def test_surveyed_cameras_against_recorded_people(shared_data):
     assert faster["outside_all"] == 0
 
 
-NET = """<net><edge id="e" from="a" to="b"><lane id="e_0" index="0" shape="0.0,0.0 100.0,0.0 100.0,50.0"/></edge></net>"""
+LANE = '<lane id="e_0" index="0" shape="0.0,0.0 100.0,0.0 100.0,50.0"/>'
+NET = f'<net><edge id="e" from="a" to="b">{LANE}</edge></net>'
 
 
 def test_detectors_lie_on_their_lanes(tmp_path: Path):
