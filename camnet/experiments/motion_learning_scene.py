@@ -214,7 +214,7 @@ def _describe(scene: SceneSettings) -> WorldDescription:
     p_camera = np.array([0.0, 0.0, scene.camera_height_m])
     camera = CameraModel(name="camera", intrinsics=lens, far_m=scene.camera_height_m + 1.0)
     return WorldDescription(
-        physics=PhysicsSettings(),
+        physics=PhysicsSettings(step_hz=round(scene.rate_hz)),  # nothing here flies: one step a frame
         control_hz=scene.rate_hz,
         cameras=(CameraSpec("camera", camera, p_camera, rotations.look_at(p_camera, np.zeros(3))),),
         targets=(TargetSpec("robot", robot.size_m, np.array(robot.features_m), motion),),

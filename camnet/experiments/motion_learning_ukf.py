@@ -61,6 +61,21 @@ def _propagate(q: Array, w: Array, cov: Array, noise: Array, dt: float) -> tuple
     return normalise(multiply(mean, exp(centre))), spread + noise
 
 
+@njit(cache=True)
+def _take(q: Array, w: Array, cov: Array, q_measured: Array, variance: float) -> tuple[Array, Array, Array]:
+    """Kalman update, in Joseph form, with a measured orientation; it is linear in the deviations."""
+    error = log(multiply(conjugate(q), q_measured))
+    spread = cov[:3, :3].copy()
+    for i in range(3):
+        spread[i, i] += variance
+    gain = np.linalg.solve(spread, cov[:3].copy()).T.copy()
+    step = gain @ error
+    left = np.eye(_N)
+    left[:, :3] -= gain
+    after = left @ cov @ left.T + variance * (gain @ gain.T)
+    return normalise(multiply(q, exp(step[:3]))), w + step[3:], after
+
+
 class ConstantVelocityUKF:
     """See the module's head; it steps at the fixed sensing rate.
 
@@ -78,7 +93,7 @@ class ConstantVelocityUKF:
             constant_velocity(self._dt, settings.accel_psd_m2ps3), self._dt, lag=0
         )
         self._r_p = settings.position_noise_m**2 * np.eye(3)[None]
-        self._r_q = settings.orientation_noise_rad**2 * np.eye(3)
+        self._variance = settings.orientation_noise_rad**2
         d, eye = self._dt, np.eye(3)
         self._noise = settings.angular_accel_psd_rad2ps3 * np.block(
             [[d**3 / 3.0 * eye, d**2 / 2.0 * eye], [d**2 / 2.0 * eye, d * eye]]
@@ -111,7 +126,7 @@ class ConstantVelocityUKF:
         p, q = measured_world_pose(measurement)
         if math.isfinite(self._t):
             self._turn_to(measurement.t_s)
-            self._take(q)
+            self._q, self._w, self._cov = _take(self._q, self._w, self._cov, q, self._variance)
         else:
             self._q = q
         self._position.update(p[None], self._r_p)
@@ -132,17 +147,6 @@ class ConstantVelocityUKF:
         """Propagate sigma points of the orientation by whole sensing periods."""
         for _ in range(max(1, round((t_s - self._t) / self._dt))):
             self._q, self._cov = _propagate(self._q, self._w, self._cov, self._noise, self._dt)
-
-    def _take(self, q_measured: Array) -> None:
-        """Kalman update; the measurement is linear in the deviations."""
-        error = log(multiply(conjugate(self._q), q_measured))
-        gain = np.linalg.solve(self._cov[:3, :3] + self._r_q, self._cov[:3]).T
-        step = gain @ error
-        left = np.eye(_N)
-        left[:, :3] -= gain
-        self._cov = left @ self._cov @ left.T + gain @ self._r_q @ gain.T
-        self._q = normalise(multiply(self._q, exp(step[:3])))
-        self._w = self._w + step[3:]
 
     def rollout(self, horizon_s: float, dt_s: float) -> Rollout:
         """See ``TargetFilter.rollout``."""

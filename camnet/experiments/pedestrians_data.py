@@ -1,7 +1,7 @@
 """Windows and experience from recorded pedestrians (ETH/UCY): 8 samples seen, 12 to be predicted.
 
-A sample is 0.4 s in all of these files but one: people in ``biwi_eth`` walk at 2.6 m/s if its step of 10 frames is taken for
-0.4 s, so there a step is longer. Everything counts in samples, so that it does not matter.
+A sample is 0.4 s in all of these files but one: people in ``biwi_eth`` walk at 2.6 m/s if its 10 frames are taken for
+0.4 s, so a step is longer there. Everything counts in samples, so that it does not matter.
 """
 
 from __future__ import annotations
