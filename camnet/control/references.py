@@ -7,8 +7,9 @@ by `camnet.control.monitor` at most the measured error. The orientation is that 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -21,7 +22,23 @@ from camnet.geometry.polytope import PolytopeRegion
 from camnet.geometry.regions import CylinderRegion, PrismRegion, Region
 from camnet.types import Array, IntArray
 
-__all__ = ["ReferenceGenerator", "ReferenceState", "RegionBounds"]
+__all__ = ["Detour", "ReferenceGenerator", "ReferenceState", "RegionBounds"]
+
+
+class Detour(Protocol):
+    """Motion of one agent among obstacles; see `camnet.control.planner.pilot`."""
+
+    def reset(self) -> None:
+        """Forget everything."""
+        ...
+
+    def goal(self, goal: Array) -> Array:
+        """Where to go instead of ``goal`` (3,), which an obstacle may cover."""
+        ...
+
+    def step(self, before: Array, straight: Array, goal: Array) -> Array:
+        """Next p, v, a (9,) from the present ones and those that a free way allows."""
+        ...
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,6 +92,7 @@ class ReferenceGenerator:
     regions : one per agent (None: unbounded)
     yaw_rad : (N,) turn of the image at zero gaze, kept constant; pan and tilt are towards world x and y
     dt_s : control period
+    detours : for agents (by number) with obstacles in their region, what leads them around
 
     Raises
     ------
@@ -83,7 +101,12 @@ class ReferenceGenerator:
     """
 
     def __init__(
-        self, settings: ControllerSettings, regions: Sequence[Region | None], yaw_rad: Array, dt_s: float
+        self,
+        settings: ControllerSettings,
+        regions: Sequence[Region | None],
+        yaw_rad: Array,
+        dt_s: float,
+        detours: Mapping[int, Detour] | None = None,
     ) -> None:
         self._margin = settings.region_margin_m
         for region in regions:
@@ -93,6 +116,7 @@ class ReferenceGenerator:
                     f"whose largest inscribed ball has radius {region.inradius_m:g} m"
                 )
         self._regions = tuple(regions)
+        self._detours = dict(detours or {})
         bounds = [RegionBounds.of(r) for r in regions]
         self._paths = {i: Paths(b, self._margin) for i, b in enumerate(bounds) if len(b.polygon)}
         self._planes = _join([b.planes for b in bounds], 4)
@@ -116,6 +140,8 @@ class ReferenceGenerator:
         """Start at rest at ``p_world`` (N,3), looking along ``gaze`` (N,2; default straight down)."""
         n = len(self._regions)
         self._asked = np.full((n, 3), np.nan)
+        for detour in self._detours.values():
+            detour.reset()
         look = np.zeros((n, 2)) if gaze is None else np.array(gaze, dtype=float)
         return ReferenceState(
             np.array(p_world, dtype=float), np.zeros((n, 3)), look, np.zeros((n, 2)), np.zeros((n, 3))
@@ -128,6 +154,8 @@ class ReferenceGenerator:
             for i, region in enumerate(self._regions):
                 near = setpoints[i] if region is None else region.project(setpoints[i], self._margin)
                 self._goals[i] = near
+            for i, detour in self._detours.items():
+                self._goals[i] = detour.goal(self._goals[i])
         if not self._paths:
             return self._goals
         goals = self._goals.copy()
@@ -144,6 +172,8 @@ class ReferenceGenerator:
         )
         bounds = (*self._planes, self._discs, *self._polygons, self._margin)
         new = step_all(now, goals, look, *bounds, self._limits, self._gaze_limits, self._dt)
+        for i, detour in self._detours.items():
+            new[i, :9] = detour.step(now[i, :9], new[i, :9], goals[i])
         return ReferenceState(new[:, 0:3], new[:, 3:6], new[:, 9:11], new[:, 11:13], new[:, 6:9])
 
     def reference(self, state: ReferenceState) -> Reference:

@@ -17,7 +17,8 @@ class ControllerSettings(Settings):
     ``d_bar_mps`` and ``d_bar_radps`` are the disturbance bounds of the robust term; outside them the envelope
     (4-27) does not hold and the run says so. ``image_fill`` is the share of the image's smaller half-angle that the
     target and its uncertainty should fill; ``target_extent_m`` is the
-    radius of a ball about the target's origin that holds its features.
+    radius of a ball about the target's origin that holds its features. ``obstacle_margin_m`` is what the camera keeps
+    from obstacles in its region: the body about it and the tracking error.
     """
 
     rate_hz: Positive = 60.0
@@ -36,6 +37,7 @@ class ControllerSettings(Settings):
     gaze_gain_per_s: Positive = 4.0
     gaze_max_rad: Annotated[float, Field(gt=0, lt=1.4)] = 1.1
     region_margin_m: NonNegative = 0.25
+    obstacle_margin_m: Positive = 0.5
     min_height_m: Positive = 0.8
     image_fill: Fraction = 0.5
     target_extent_m: Positive = 0.4

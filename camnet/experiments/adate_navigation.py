@@ -171,8 +171,12 @@ def run(
         world, voyage = first
         plans = [voyage.plans[k].curve.points(10) for k in range(0, len(voyage.plans), 10)]
         rows = np.array([o.row for o in world.obstacles])
-        plot_voyage(voyage.curve.points(20), plans, world.waypoints, COVARIANCE, rows, folder / "navigation-plan.png")
-        plot_convergence([[p.solution.steps for p in v.plans] for v in voyages], folder / "navigation-convergence.png")
+        plot_voyage(
+            voyage.curve.points(20), plans, world.waypoints, COVARIANCE, rows, folder / "navigation-plan.png"
+        )
+        plot_convergence(
+            [[p.solution.steps for p in v.plans] for v in voyages], folder / "navigation-convergence.png"
+        )
     return result
 
 

@@ -84,6 +84,7 @@ class NetworkSimulation:
             [a.region for a in network.description.agents],
             np.array([a.start_yaw_rad for a in network.description.agents]),
             self.control_dt_s,
+            network.detours(),
         )
         self._reference_state = self._references.start(self.snapshot.camera_p_world[: network.n_agents])
         self._sensor = PoseSensor(scenario.sensing, network.n_targets, len(network.cameras))

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from camnet.config.models import Agent, FixedCamera, Scenario
+from camnet.control.references import Detour
 from camnet.errors import WorldError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.placement import place_basis
@@ -87,6 +88,16 @@ class Network:
         """
         alone = self.n_targets == 1 and not self.occluders and not self.description.cameras
         return not (alone and all(isinstance(region, _CONVEX) for region in self.regions))
+
+    def detours(self) -> Mapping[int, Detour]:
+        """What leads agents around occluders in their regions, by the agent's number; made anew at each call."""
+        if not self.scenario.occluders:
+            return {}
+        from camnet.control.planner.pilot import pilots  # compiled, and needed with occluders only
+
+        shapes = [o.shape for o in self.scenario.occluders]
+        dt_s = 1.0 / self.scenario.controller.rate_hz
+        return pilots(self.scenario.controller, self.regions[: self.n_agents], shapes, dt_s)
 
     @property
     def n_targets(self) -> int:

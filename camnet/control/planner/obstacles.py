@@ -9,7 +9,14 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from camnet.control.planner.distance_kernel import BOX, CYLINDER, ELLIPSOID, ROW, segment_clearance, signed_distance
+from camnet.control.planner.distance_kernel import (
+    BOX,
+    CYLINDER,
+    ELLIPSOID,
+    ROW,
+    segment_clearance,
+    signed_distance,
+)
 from camnet.errors import WorldError
 from camnet.geometry.settings import Box, Cylinder, ExtrudedPolygon, Shape
 from camnet.types import Array
@@ -38,7 +45,9 @@ class Obstacle:
         return float(segment_clearance(self.row, a, b, t_s))
 
 
-def _make(kind: int, center: ArrayLike, half: ArrayLike, axes: ArrayLike | None, velocity: ArrayLike) -> Obstacle:
+def _make(
+    kind: int, center: ArrayLike, half: ArrayLike, axes: ArrayLike | None, velocity: ArrayLike
+) -> Obstacle:
     c, a, v = (np.asarray(x, dtype=float).reshape(3) for x in (center, half, velocity))
     turn = np.eye(3) if axes is None else np.asarray(axes, dtype=float).reshape(3, 3)
     if not (a > 0.0).all() or not np.isfinite(np.concatenate([c, a, v])).all():
@@ -78,7 +87,9 @@ def box(
     return _make(BOX, center, half_sizes, axes, velocity)
 
 
-def cylinder(center: ArrayLike, radius_m: float, half_height_m: float, velocity: ArrayLike = _STILL) -> Obstacle:
+def cylinder(
+    center: ArrayLike, radius_m: float, half_height_m: float, velocity: ArrayLike = _STILL
+) -> Obstacle:
     """Upright cylinder."""
     return _make(CYLINDER, center, (radius_m, radius_m, half_height_m), None, velocity)
 

@@ -101,7 +101,9 @@ class Planner:
     def __init__(self, settings: PlannerSettings, region: Region | None = None) -> None:
         s = self.settings = settings
         if s.safety_m >= s.margin_m:
-            raise ConfigError(f"planner.safety_m = {s.safety_m:g} must be below planner.margin_m = {s.margin_m:g}")
+            raise ConfigError(
+                f"planner.safety_m = {s.safety_m:g} must be below planner.margin_m = {s.margin_m:g}"
+            )
         self.region = region
         self._bounds = RegionBounds.of(region)
         self._model = PowerLimitedSteering(
@@ -205,7 +207,9 @@ class Planner:
             out.append(states)
         return out
 
-    def _ranked(self, starts: list[Array], waypoints: Sequence[Waypoint], rows: Array, stop: bool) -> list[Array]:
+    def _ranked(
+        self, starts: list[Array], waypoints: Sequence[Waypoint], rows: Array, stop: bool
+    ) -> list[Array]:
         """Starts in the order of the objective there."""
         if len(starts) < 2:
             return starts
@@ -236,7 +240,9 @@ class Planner:
             s.samples_per_step,
         )  # fmt: skip
 
-    def _judge(self, solution: Solution, waypoints: Sequence[Waypoint], rows: Array, level: Level, warm: bool) -> Plan:
+    def _judge(
+        self, solution: Solution, waypoints: Sequence[Waypoint], rows: Array, level: Level, warm: bool
+    ) -> Plan:
         s = self.settings
         states = solution.states
         curve = Curve(states[:, :3].copy(), states[:, 3:6].copy(), s.dt_s)

@@ -117,7 +117,9 @@ def minimise(
         assert trial is not None
         s = s + trial
         steps.append(float(np.linalg.norm(trial[:, :3], axis=1).max()))
-        converged = steps[-1] <= tolerance_m * (1.0 if damping < 1.0 else 0.0) or cost - new <= _FLAT * abs(cost)
+        converged = steps[-1] <= tolerance_m * (1.0 if damping < 1.0 else 0.0) or cost - new <= _FLAT * abs(
+            cost
+        )
         cost = new
         costs.append(cost)
         damping = 0.25 * damping if damping > 1e-3 else 0.0

@@ -72,7 +72,9 @@ def _across(tangent: Array, first: Array, count: int) -> Array:
     return np.asarray(np.cos(angle) * side + np.sin(angle) * np.cross(along, side))
 
 
-def guesses(knots: Knots, rows: Array, clearance: float, tau: float, n: int, directions: int) -> list[CubicSpline]:
+def guesses(
+    knots: Knots, rows: Array, clearance: float, tau: float, n: int, directions: int
+) -> list[CubicSpline]:
     """Splines from best to worst: the straight one pushed out of obstacles (K,19) until it is ``clearance`` away."""
     times = tau * np.arange(n)
     fine = np.linspace(0.0, times[-1], 4 * n)
