@@ -16,6 +16,7 @@ import numpy as np
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.concurrent_learning import MotionModel
 from camnet.estimation.gap import EndState, PoseHistory, gap_windows
+from camnet.estimation.pace import Pace
 from camnet.estimation.propagate import COLUMNS, TWIST_OUTPUTS, UNIT
 from camnet.estimation.radius import ErrorRadius
 from camnet.estimation.settings import EstimatorSettings
@@ -129,6 +130,11 @@ class RegionMemory:
             self.forgotten += self.model.forget(row, self.gate.changed_s)
         self.model.learn_window(t_s, row, increment)
 
+    def knows(self, row: Array, increment: Array) -> bool:
+        """Whether the model answers for the motion in this window, and for places visited before."""
+        lacking = abs(increment[UNIT] - float(row @ self.model.weights[:, UNIT]))
+        return lacking <= KNOWN_WITHIN * increment[UNIT] and math.isfinite(self.model.excited_s())
+
     def learn_path(self, t_s: float, began_s: float, windows: Sequence[tuple[Array, Array, float]]) -> None:
         """Offer the windows of a path across a gap that began at ``began_s``.
 
@@ -188,10 +194,13 @@ class Learner:
         self._history = PoseHistory(settings.regression_samples)
         self._gap: _Gap | None = None
         self.gaps_learned = 0
+        self.pace = Pace() if settings.gap.pace else None
 
-    def interrupt(self, last_seen_s: float) -> EndState | None:
-        """End the sighting; returns how the target left (None if it was too short to tell)."""
+    def interrupt(self, last_seen_s: float, lost: bool = True) -> EndState | None:
+        """End the sighting, ``lost`` or handed over; returns how the target left (None if it was too short to tell)."""
         state = self._history.fit(last_seen_s)
+        if self.pace is not None:
+            self.pace.leave(lost)
         self._windows.clear()
         self._history.clear()
         self._gap = None
@@ -212,6 +221,8 @@ class Learner:
             history.push_and_fit(t_s, p, q, motion)
         window = self._windows.push(t_s, p, q, sigma)
         if window is not None:
+            if self.pace is not None and memory.knows(*window):
+                self.pace.observe(*window, memory.model.weights)
             memory.learn(t_s, *window)
             if self._settings.alpha < 1.0:
                 self._learn_rate(t_s, q, memory)

@@ -29,6 +29,7 @@ from camnet.estimation.gap import EndState
 from camnet.estimation.learner import Learner, RegionMemory
 from camnet.estimation.measured_step import measured_step
 from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
+from camnet.estimation.pace import scaled
 from camnet.estimation.propagate import COLUMNS, PRIORS, advance, model_twist, roll_out
 from camnet.estimation.protocol import Rollout
 from camnet.estimation.settings import EstimatorSettings
@@ -163,7 +164,7 @@ class LearningEstimator:
             gap.turn_memory_s,
             gap.handover_s,
             self._stacked,
-            self._memory.model.weights,
+            self._paced_weights(),
             self._basis.centres,
             self._basis.precision,
             self._basis.heading_scale_m,
@@ -229,6 +230,12 @@ class LearningEstimator:
             raise ConfigError(f"region {region}: expected 0 ... {self._n_regions - 1}")
         return self._memories[0 if self._settings.share else region]
 
+    def _paced_weights(self) -> Array:
+        """Weights (p, 8) that predict: those learned, at the pace at which the target left."""
+        weights, pace = self._memory.model.weights, self._learner.pace
+        factor = 1.0 if pace is None else pace.scale(self._seen)
+        return weights if factor == 1.0 else scaled(weights, factor)
+
     def _lose(self) -> None:
         """Note that the target has become unseen, and how it left."""
         self._seen = False
@@ -241,7 +248,7 @@ class LearningEstimator:
         without_gap = self._seen
         self._advance(t)
         if without_gap:
-            self._learner.interrupt(self._last_seen)
+            self._learner.interrupt(self._last_seen, lost=False)
         else:
             miss = p - self._p
             self._memory.radius.crossed(math.sqrt(float(miss @ miss)), t - self._last_seen)
@@ -270,7 +277,7 @@ class LearningEstimator:
             gap.turn_memory_s,
             gap.handover_s,
             self._stacked,
-            self._memory.model.weights,
+            self._paced_weights(),
             self._basis.centres,
             self._basis.precision,
             self._basis.heading_scale_m,

@@ -10,6 +10,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.cluster.vq import kmeans2
+from scipy.spatial import cKDTree
 
 from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis
@@ -17,7 +19,7 @@ from camnet.estimation.settings import BasisSettings
 from camnet.geometry.settings import Road
 from camnet.types import Array
 
-__all__ = ["grid_centres", "place_basis", "road_centres"]
+__all__ = ["grid_centres", "place_basis", "place_on_data", "road_centres"]
 
 
 def grid_centres(low: Array, high: Array, spacing_m: float) -> Array:
@@ -116,3 +118,43 @@ def place_basis(settings: BasisSettings, roads: Sequence[Road], low: Array, high
         scale *= 1.1
     width = scale * settings.width_m
     return RbfBasis.create(centres, width * width, settings.heading_scale_m)
+
+
+def place_on_data(
+    points: Array, count: int, rng: np.random.Generator, heading_scale_m: float = 1.0, overlap: float = 1.0
+) -> RbfBasis:
+    """Basis of at most ``count`` kernels where targets have been: k-means centres, one width for each.
+
+    The width is ``overlap`` times the distance to the nearest other centre. Kernels that no point is nearest to are
+    left out.
+
+    Parameters
+    ----------
+    points : (n, 2) positions, m, or (n, 4) positions and ``heading_scale_m`` times the direction of the heading
+    count : number of kernels asked for
+    rng : draws the first centres
+    heading_scale_m : radius of the heading circle, m
+    overlap : width over distance
+
+    Raises
+    ------
+    ConfigError
+        If there are fewer different points than kernels, or ``overlap`` is not positive.
+    """
+    points = np.asarray(points, dtype=float)
+    if points.ndim != 2 or points.shape[1] not in (2, 4) or not np.isfinite(points).all():
+        raise ConfigError(
+            f"basis from data: points of shape {points.shape}, expected finite (n, 2) or (n, 4)"
+        )
+    different = len(np.unique(points, axis=0))
+    if not 2 <= count <= different:
+        raise ConfigError(f"basis from data: count {count}, expected 2 ... {different}, the number of points")
+    if not overlap > 0.0:
+        raise ConfigError(f"basis from data: overlap {overlap}, expected a positive factor")
+    centres, labels = kmeans2(points, count, minit="++", rng=rng)
+    centres = centres[np.unique(labels)]
+    if len(centres) < 2:
+        raise ConfigError("basis from data: all points fell to one centre; give more different points")
+    distance, _ = cKDTree(centres).query(centres, k=2)
+    width = np.maximum(overlap * distance[:, 1], 1e-6)
+    return RbfBasis.create(centres, width[:, None, None] ** 2 * np.eye(points.shape[1]), heading_scale_m)

@@ -58,7 +58,8 @@ class GapSettings(Settings):
     ``prior`` takes over where the learned model has no data; its turn rate fades with ``turn_memory_s``.
     ``learn_across`` puts the path across a gap, reconstructed ``entry_s`` after the re-sighting, into the stack.
     ``accel_psd_m2ps3`` is the unknown acceleration assumed for that path, ``path_std_mps`` the velocity uncertainty
-    at which a window of it counts half as much as a measured one.
+    at which a window of it counts half as much as a measured one. ``pace`` makes the target's speed a state: the
+    learned velocities are scaled by how fast it left, as far as that has been found to last.
     """
 
     prior: Literal["none", "constant_velocity", "constant_turn"] = "constant_turn"
@@ -69,6 +70,7 @@ class GapSettings(Settings):
     max_gap_s: Positive = 60.0
     accel_psd_m2ps3: Positive = 1e-3
     path_std_mps: Positive = 0.05
+    pace: bool = False
 
 
 class EkfSettings(Settings):

@@ -44,6 +44,8 @@ def make_replica(
     wobble: float = 0.03,
     gap_m: float = 3.0,
     drift: float = 0.0,
+    wander: float = 0.0,
+    seed: int = 0,
 ) -> Replica:
     """Loop r(phi) = radius (1 + wobble sin 3 phi ...) at nearly constant speed; gaps of ``gap_m`` between 4 regions."""
     dt = 1.0 / RATE_HZ
@@ -55,14 +57,17 @@ def make_replica(
         )
         return np.array([r * math.cos(a), r * math.sin(a), 0.0])
 
-    t = 0.0
+    t, y, rng = 0.0, 0.0, np.random.default_rng(seed)
     while phi < 2 * math.pi * laps:
         tangent = (point(phi + 1e-4, t) - point(phi - 1e-4, t)) / 2e-4
-        pace = speed * (1.0 + 0.15 * math.sin(2 * phi))
+        # an Ornstein-Uhlenbeck process with a correlation time of 10 s
+        y += -0.1 * y * dt + math.sqrt(0.2 * dt) * rng.standard_normal() if wander else 0.0
+        drive = speed * math.exp(wander * y)
+        pace = drive * (1.0 + 0.15 * math.sin(2 * phi))
         rows.append((t, phi, *point(phi, t), pace, *(tangent / np.linalg.norm(tangent))))
         mid = phi + 0.5 * dt * pace / np.linalg.norm(tangent)
         tangent = (point(mid + 1e-4, t) - point(mid - 1e-4, t)) / 2e-4
-        phi += dt * speed * (1.0 + 0.15 * math.sin(2 * mid)) / np.linalg.norm(tangent)
+        phi += dt * drive * (1.0 + 0.15 * math.sin(2 * mid)) / np.linalg.norm(tangent)
         t += dt
     a = np.array(rows)
     yaw = np.unwrap(np.arctan2(a[:, 7], a[:, 6]))

@@ -12,7 +12,13 @@ from scipy.stats import multivariate_normal
 
 from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis, evaluate_reference
-from camnet.estimation.placement import distance_to_roads, grid_centres, place_basis, road_centres
+from camnet.estimation.placement import (
+    distance_to_roads,
+    grid_centres,
+    place_basis,
+    place_on_data,
+    road_centres,
+)
 from camnet.estimation.settings import BasisSettings
 from camnet.geometry import rotations
 from camnet.geometry.settings import Road
@@ -106,3 +112,37 @@ def test_roads_are_taken_when_there_are_any() -> None:
         place_basis(BasisSettings(placement="road"), [], *box)
     with pytest.raises(ConfigError, match="finite"):
         place_basis(BasisSettings(placement="grid"), [], np.array([-np.inf, 0]), np.ones(2))
+
+
+def test_kernels_on_data_are_where_the_data_is() -> None:
+    """Two clouds of different density: a fixed point of Lloyd's iteration, wider where kernels are sparse."""
+    rng = np.random.default_rng(0)
+    points = np.vstack(
+        (0.1 * rng.standard_normal((400, 2)), np.array([8.0, 0.0]) + rng.standard_normal((400, 2)))
+    )
+    basis = place_on_data(points, 30, np.random.default_rng(1), overlap=0.8)
+    assert basis.size <= 30
+    nearest = np.argmin(((points[:, None] - basis.centres) ** 2).sum(axis=2), axis=1)
+    means = np.array([points[nearest == k].mean(axis=0) for k in range(basis.size)])
+    np.testing.assert_allclose(basis.centres, means, atol=0.25)
+    width = basis.precision[:, 0, 0] ** -0.5
+    gaps = np.sqrt(((basis.centres[:, None] - basis.centres) ** 2).sum(axis=2))
+    np.testing.assert_allclose(width, 0.8 * np.sort(gaps, axis=1)[:, 1])
+    dense = basis.centres[:, 0] < 4.0
+    assert width[dense].mean() < 0.3 * width[~dense].mean()
+    again = place_on_data(points, 30, np.random.default_rng(1), overlap=0.8)
+    np.testing.assert_array_equal(again.centres, basis.centres)
+
+
+@pytest.mark.parametrize(
+    ("points", "count", "words"),
+    [
+        (np.zeros((5, 3)), 2, "shape"),
+        (np.full((5, 2), np.nan), 2, "shape"),
+        (np.zeros((5, 2)), 2, "count 2"),
+        (np.arange(10.0).reshape(5, 2), 6, "count 6"),
+    ],
+)
+def test_bad_data_for_kernels_are_refused(points: np.ndarray, count: int, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        place_on_data(points, count, np.random.default_rng(0))
