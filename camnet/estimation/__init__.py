@@ -4,7 +4,10 @@ Every estimator of one target is a ``TargetFilter`` (``protocol``): ``LearningEs
 and predicts across gaps, ``ConstantVelocityEKF`` is the baseline, ``IdealPredictor`` knows the true velocities.
 
 Read next: ``learning_estimator`` for the whole, then ``concurrent_learning`` (update laws), ``propagate`` (predictor),
-``stack`` and ``selection`` (what data is kept), ``gap`` (learning where nothing was measured), ``placement`` (kernels).
+``stack``, ``selection`` and ``selection_secular`` (what data is kept), ``learner`` (outliers and changes of behaviour),
+``gap`` (learning where nothing was measured), ``pace`` (speed as a state), ``excitation`` (what the analysis may claim),
+``placement`` (kernels), ``persistence`` (models on disk, merged). ``measured_step``, ``weight_step`` and ``ekf_step``
+are the compiled forms of the laws.
 """
 
 from camnet.estimation.basis import RbfBasis

@@ -198,7 +198,8 @@ def load_models(path: Path | str) -> list[LearnedModel]:
     header = _header(path, arrays)
     try:
         centres = _array(path, arrays, "centres", (None, None))
-        covariance = np.linalg.inv(_array(path, arrays, "precision", (len(centres), None, None)))
+        precision = _array(path, arrays, "precision", (len(centres), None, None))
+        covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
         basis = RbfBasis.create(centres, covariance, header["heading_scale_m"])
     except (np.linalg.LinAlgError, ValueError, ConfigError) as error:
         raise DataError(f"{path}: its kernels are no basis ({error})") from error

@@ -156,5 +156,5 @@ def place_on_data(
     if len(centres) < 2:
         raise ConfigError("basis from data: all points fell to one centre; give more different points")
     distance, _ = cKDTree(centres).query(centres, k=2)
-    width = np.maximum(overlap * distance[:, 1], 1e-6)
+    width = np.maximum(overlap * np.asarray(distance)[:, 1], 1e-6)
     return RbfBasis.create(centres, width[:, None, None] ** 2 * np.eye(points.shape[1]), heading_scale_m)
