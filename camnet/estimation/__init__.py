@@ -5,7 +5,7 @@ and predicts across gaps, ``ConstantVelocityEKF`` is the baseline, ``IdealPredic
 
 Read next: ``learning_estimator`` for the whole, then ``concurrent_learning`` (update laws), ``propagate`` (predictor),
 ``stack``, ``selection`` and ``selection_secular`` (what data is kept), ``learner`` (outliers and changes of behaviour),
-``gap`` (learning where nothing was measured), ``pace`` (speed as a state), ``excitation`` (what the analysis may claim),
+``gap`` (learning where nothing was measured), ``pace`` (speed as a state), ``excitation`` (what the analysis supports),
 ``placement`` (kernels), ``persistence`` (models on disk, merged). ``measured_step``, ``weight_step`` and ``ekf_step``
 are the compiled forms of the laws.
 """
