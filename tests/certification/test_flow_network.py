@@ -112,6 +112,7 @@ def test_moving_one_camera_takes_the_certificate_away_and_the_target_is_missed(f
     assert worst.max() > 20.0
 
 
+@pytest.mark.slow
 def test_largest_model_error_is_the_border_of_the_verdict(field):
     ground = layout()
     first = certify(field, ground)["transitions"][0]["learned"]

@@ -1,4 +1,4 @@
-"""Whole sites: free targets against random walks, road reports against their maps, and surveyed cameras."""
+"""Whole sites: free targets against random walks, road reports against their maps."""
 
 from __future__ import annotations
 
@@ -16,12 +16,8 @@ from camnet.certification.site import (
     certify_open_site,
     certify_road_site,
     road_segments_with_verdict,
-    views_of,
 )
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
-from camnet.errors import WorldError
-from camnet.geometry.frustum import Frustum
-from camnet.geometry.settings import CameraModel
 
 WALKER = FreeTargetClass(2.0, 0.3)
 
@@ -102,62 +98,3 @@ def test_road_site_and_its_map():
     )
     assert report["certificates"]["sound"]["verdict"] == "not certified"
     assert len(road_segments_with_verdict(roads, gaps, tables["sound"])["uncertified"]) > 10
-
-
-def surveyed(folder):
-    from camnet.importers.krtd import read_krtd_folder
-
-    cameras, frusta = read_krtd_folder(folder / "meva" / "cameras", 1920, 1080), []
-    for c in cameras:
-        models = [
-            CameraModel(name=c.name, intrinsics=i, near_m=1.0, far_m=80.0)
-            for i in (c.intrinsics, c.intrinsics.model_copy(update={"distortion": ()}))
-        ]
-        try:
-            frustum = Frustum.from_camera(models[0])
-        except WorldError:  # one camera's distortion folds over before the border
-            frustum = Frustum.from_camera(models[1])
-        frusta.append(frustum.in_world(c.p_world, c.q_world))
-    return [c.name for c in cameras], views_of(frusta, np.array([c.p_world for c in cameras]))
-
-
-def test_surveyed_site_gives_every_transition_and_recorded_people_of_the_class_stay_in_their_sets(
-    shared_data,
-):
-    from camnet.certification.reachable import FreeReach
-    from camnet.importers.csv_tracks import read_csv_tracks
-    from camnet.importers.fixes import TrackOptions
-    from camnet.importers.geodesy import Origin
-
-    names, views = surveyed(shared_data)
-    report = certify_open_site(
-        views,
-        names,
-        WALKER,
-        height_m=0.0,
-        off_max_s=None,
-        on_min_s=None,
-        e0_m=3.0,
-        growth=GrowthModel(3.0, 0.5),
-    )
-    assert report["network"]["cameras"] == 14
-    assert len(report["transitions"]) == 14 * 13
-    assert all(t["sound"]["trust_horizon_s"] > 0 for t in report["transitions"])
-    json.dumps(report, allow_nan=False)
-    ground = ground_views(views, names, 0.0, 0.3)
-    origin = Origin(39.04977294, -85.52924953, 205.0)
-    checked = 0
-    for track in read_csv_tracks(shared_data / "meva" / "tracks.csv.gz", TrackOptions(origin=origin)):
-        p, t = track.p_world[:, :2], track.t_s
-        visible = np.any([g.view.depth(p) >= 0 for g in ground], axis=0)
-        kept = np.linalg.norm(np.diff(p, axis=0), axis=1) <= WALKER.v_max_mps * np.diff(t)
-        last = -1
-        for k in range(len(p)):
-            if k > 0 and not kept[k - 1]:
-                last = -1  # faster than the class allows (or a bad fix): no claim is made
-            if visible[k]:
-                last = k
-            elif last >= 0:
-                assert FreeReach(p[last], WALKER.v_max_mps, 1e-6).contains(p[k], t[k] - t[last])
-                checked += 1
-    assert checked > 10_000
