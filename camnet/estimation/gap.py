@@ -100,7 +100,7 @@ def push_and_fit(
     p[count] = p_new
     q[count] = q_new
     count += 1
-    if count >= 3:
+    if count >= 3 and t[count - 1] > t[0]:
         _, _, v, w = fit_motion(t[:count], p[:count], q[:count], t_new)
         for i in range(3):
             motion[i] = v[i]
@@ -136,9 +136,9 @@ class PoseHistory:
         self.count = push_and_fit(self._t, self._p, self._q, self.count, t_s, p, q, motion)
 
     def fit(self, t_s: float) -> EndState | None:
-        """Pose and velocity at ``t_s``; None with fewer than three poses."""
+        """Pose and velocity at ``t_s``; None with fewer than three poses, or if all are of one instant."""
         n = self.count
-        if n < 3:
+        if n < 3 or not self._t[n - 1] > self._t[0]:
             return None
         return EndState(t_s, *fit_motion(self._t[:n], self._p[:n], self._q[:n], t_s))
 

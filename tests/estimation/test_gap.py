@@ -137,3 +137,14 @@ def test_windows_of_a_contradicted_gap_count_little() -> None:
     assert steady > 0.7
     assert doubtful < 0.5 * steady
     assert gap_windows(a, EndState(99.0, b.p, b.q, b.v, b.w), _unit_basis(), 0.4, False, GapSettings()) == []
+
+
+def test_poses_of_one_instant_tell_no_velocity() -> None:
+    """Several cameras, or late measurements, can give many poses at the same time."""
+    history, motion = PoseHistory(5), np.full(6, 7.0)
+    for _ in range(8):
+        history.push_and_fit(1.0, np.ones(3), np.array([1.0, 0, 0, 0]), motion)
+    assert history.fit(1.0) is None
+    np.testing.assert_array_equal(motion, np.full(6, 7.0))
+    history.push_and_fit(1.5, np.array([2.0, 1, 1]), np.array([1.0, 0, 0, 0]), motion)
+    np.testing.assert_allclose(motion, [2.0, 0, 0, 0, 0, 0], atol=1e-12)
