@@ -1,4 +1,4 @@
-"""A quadrotor in the physics engine flies plans around obstacles: how close does its body come, does it touch?
+"""Flights of plans around obstacles by a quadrotor in the physics engine.
 
 One agent in a room with a wall, boxes and pillars drawn at random has to cross it. References come from
 `camnet.control.planner.pilot`, the sliding-mode law follows them, and the engine reports every contact.

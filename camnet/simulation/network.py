@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -90,7 +91,7 @@ class Network:
         return not (alone and all(isinstance(region, _CONVEX) for region in self.regions))
 
     def detours(self) -> Mapping[int, Detour]:
-        """What leads agents around occluders in their regions, by the agent's number; made anew at each call."""
+        """Return what leads agents around occluders in their regions, by the agent's number; made anew at each call."""
         if not self.scenario.occluders:
             return {}
         from camnet.control.planner.pilot import pilots  # compiled, and needed with occluders only

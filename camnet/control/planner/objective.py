@@ -9,14 +9,15 @@ Negative logarithm of the plan's probability (li2019, (42)-(44)), over the state
 | --- | --- | --- | --- | --- |
 | s | `s`: x, v, p, cT | (n,10) | m, m/s, m^2/s^3, rad/s | (14) |
 | Q_i^-1 | `weight` | (n-1,10,10) | | (72) |
-| z, R^-1 | `points[:,2:5]`, `points[:,5:14]`; at step `points[:,0]`, share `points[:,1]` of the step | (m,14) | m | (28) |
+| z, R^-1 | `points[:,2:5]`, `points[:,5:14]`; step `points[:,0]`, share of it `points[:,1]` | (m,14) | m | (28) |
 | d, m, l | distance to an obstacle, `shape[0]` margin, `shape[1]` softness | | m | |
 | 1 - P_h | 1/(1 + exp((m - d)/l)) to the power `shape[2]` dt (a rate in 1/s) | | | (44) |
 | h(u) | cubic Hermite weights of x_i, v_i, x_{i+1}, v_{i+1} | (4,) | | |
 
 **Departures.** The last term is ours: in the steering model a constant power and turn rate cost nothing,
 so that the most probable plan through far-off waypoints is a chain of wide fast loops, and descent creeps along
-the flat valley towards it; weighing the acceleration gives the fewer manoeuvres the paper asks for. (44) looks at the states alone; between them a plan can cross an obstacle. Here x(t) is the cubic
+the flat valley towards it; weighing the acceleration gives the fewer manoeuvres the paper asks for. (44) looks
+at the states alone; between them a plan can cross an obstacle. Here x(t) is the cubic
 Hermite curve through the states' positions and velocities and P_h is taken several times a step. A point of the
 curve depends on two neighbouring states, so the system stays block-tridiagonal. Q is frozen at the start of a
 plan; otherwise Gauss-Newton would have no objective that decreases. The region's faces are obstacles from inside.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -210,7 +211,7 @@ class Planner:
     def _ranked(
         self, starts: list[Array], waypoints: Sequence[Waypoint], rows: Array, stop: bool
     ) -> list[Array]:
-        """Starts in the order of the objective there."""
+        """Sort starts by the objective there."""
         if len(starts) < 2:
             return starts
         costs = [objective(self._problem(s, waypoints, rows, Level(), stop), s) for s in starts]
@@ -284,5 +285,5 @@ def _check(p: Array, v: Array, waypoints: Sequence[Waypoint]) -> None:
     if p.shape != (3,) or v.shape != (3,) or not np.isfinite([p, v]).all():
         raise ConfigError(f"plan: position {p} and velocity {v} must be three finite numbers each")
     times = [w.t_s for w in waypoints]
-    if not times or times[0] <= 0.0 or any(b <= a for a, b in zip(times, times[1:], strict=False)):
+    if not times or times[0] <= 0.0 or any(b <= a for a, b in pairwise(times)):
         raise ConfigError(f"plan: waypoint times {times} must be positive and ascending, at least one")

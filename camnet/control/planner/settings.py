@@ -21,7 +21,8 @@ class PlannerSettings(Settings):
     term of `camnet.control.planner.objective`. A point at distance d from an obstacle is unblocked with probability
     1/(1 + exp((margin_m - d)/softness_m)), ``obstacle_rate_hz`` times a second, looked at ``samples_per_step`` times
     a step. A plan is accepted only when its curve keeps ``safety_m`` from every obstacle and ``region_margin_m`` from
-    the region's border; waypoints count ``waypoint_weight`` times, a reserve. It has converged when no position moves by more than ``tolerance_m``.
+    the region's border; waypoints count ``waypoint_weight`` times, a reserve. It has converged when
+    no position moves by more than ``tolerance_m``.
     """
 
     dt_s: Positive = 1.0

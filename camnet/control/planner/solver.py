@@ -96,7 +96,8 @@ def minimise(
 ) -> Solution:
     """Trajectory (n,10) of least objective near ``guess``, whose first position and velocity are held.
 
-    ``kept`` are the statistics of the plan that ``guess`` continues (None: taken about the guess). Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases any more.
+    ``kept`` are the statistics of the plan that ``guess`` continues (None: taken about
+    the guess). Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases any more.
     """
     s, n = np.array(guess, dtype=float), len(guess)
     at = _Objective(problem, s, kept)

@@ -1,7 +1,7 @@
 """First guesses of a plan: least-acceleration splines pushed out of obstacles, and their steering states.
 
-A spline through the waypoints may cross an obstacle near its middle, where the push of the likelihood is along the path and
-both sides are alike: a local optimum that no descent leaves. So for the obstacle that is hit first, points beside it
+A spline through the waypoints may cross an obstacle near its middle, where the push of the likelihood is along the path
+and both sides are alike: a local optimum that no descent leaves. So for the obstacle that is hit first, points beside it
 in evenly spaced directions across the path are tried as further points of the spline, and the one of least bending
 and deepest remaining hit is kept (the rest are other homotopy classes, kept as second choices).
 """
@@ -62,7 +62,7 @@ def _ray(row: Array, origin: Array, direction: Array, clearance: float, t: float
 
 
 def _across(tangent: Array, first: Array, count: int) -> Array:
-    """Unit vectors (count,3) across ``tangent``, evenly spaced, the first one nearest to ``first``."""
+    """Return unit vectors (count,3) across ``tangent``, evenly spaced, the first one nearest to ``first``."""
     along = tangent / max(float(np.linalg.norm(tangent)), 1e-9)
     side = first - (first @ along) * along
     if np.linalg.norm(side) < 1e-6:
