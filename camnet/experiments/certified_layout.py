@@ -6,18 +6,19 @@
    re-sighting than the largest ball in that view; further off than the tube of its exit is a violation.
 3. With camera ``north`` moved 2.4 m outward the network is not certified, and hostile targets are lost.
 4. Split conformal e_v: half of the runs calibrate the drift of the prediction in a gap, the others must keep to it with
-   the stated confidence; the count has to lie in its binomial interval.
+   the stated confidence; the count has to lie in its (beta-)binomial 99 % interval.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binom
+from scipy.stats import betabinom
 
 from camnet.certification.growth import Tube, conformal_model_error, error_tube
 from camnet.config.load import load_scenario
@@ -178,19 +179,18 @@ def _coverage(drift: Array) -> dict[str, Any]:
     limit = conformal_model_error(drift[:half], CONFIDENCE)
     test = drift[half:]
     kept = int((test <= limit).sum())
-    # the calibrated level is itself random: a binomial interval about the confidence, both halves' spread in it
-    spread = 1.0 + len(test) / max(half, 1)
-    width = (
-        spread**0.5 * (binom.ppf(0.995, len(test), CONFIDENCE) - CONFIDENCE * len(test)) if len(test) else 0.0
+    rank = min(math.ceil((half + 1) * CONFIDENCE - 1e-12), half)
+    # the level is calibrated on a finite sample: the count is binomial with a beta-distributed probability
+    low, high = (
+        betabinom.interval(0.99, len(test), max(rank, 1), half + 1 - max(rank, 1)) if half else (0.0, 0.0)
     )
-    low = max(0.0, CONFIDENCE * len(test) - width - 1.0)
     return {
         "confidence": CONFIDENCE,
         "model_error_mps": float(limit) if np.isfinite(limit) else None,
         "runs": len(test),
         "kept": kept,
-        "interval": [low, float(len(test))],
-        "inside": bool(kept >= low),
+        "interval": [float(low), float(high)],
+        "inside": bool(low <= kept <= high),
     }
 
 
