@@ -8,10 +8,10 @@ defects repaired) and ``learned`` (error growth of the learned model). Derivatio
 | ``constants``, ``dwell``, ``average_dwell``, ``bell_dwell`` | the papers' formulas |
 | ``verdict`` | Theorem 3.1 and why disjoint views cannot meet it |
 | ``network``, ``monitor`` | the dwell-time report of a network, and what happened in a run |
-| ``growth``, ``growth_kernel`` | the sharp growth law |
+| ``growth``, ``growth_kernel``, ``model_error`` | the sharp growth law and its e_v |
 | ``reachable``, ``crossing``, ``flow_network`` | target classes, one exit, all exits of a learned flow |
 | ``road_arcs``, ``coverage``, ``road_gaps``, ``transitions`` | road-bound targets, at the scale of a city |
 | ``free_network``, ``site`` | open sites; whole sites in one call |
-| ``design`` | the fewest cameras, the smallest repairs |
+| ``design``, ``repairs`` | the fewest cameras, the smallest repairs |
 | ``benchmark`` | how the cost grows |
 """

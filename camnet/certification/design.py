@@ -1,4 +1,4 @@
-r"""The fewest cameras that certify a road network, with a lower bound; and the smallest repair of one transition.
+r"""The fewest cameras that certify a road network, with a lower bound (the smallest repairs: ``repairs``).
 
 Placement is a hitting-set problem: every unseen way longer than L = v_lo Dt_off must be broken by a camera that sees a
 stretch of it for at least v_max Dt_on. There are too many ways to list, so they are added as they are found:
@@ -22,6 +22,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_matrix
 
 from camnet.certification.coverage import Coverage
+from camnet.certification.repairs import Repair, smallest_repairs
 from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.road_gaps import merge_coverage
 from camnet.certification.road_gaps_kernel import merge_intervals
@@ -276,66 +277,3 @@ class _Hitting:
             chosen.append(best)
             open_rows[matrix.indices[matrix.indptr[best] : matrix.indptr[best + 1]]] = 0.0
         return np.array(sorted(chosen), dtype=np.int64), float(relaxed.fun or 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Repair:
-    """One change that certifies a transition by itself.
-
-    Attributes
-    ----------
-    change : what to change
-    amount : by how much, in ``unit``
-    unit : of the amount
-    cost : for ranking: the amount relative to what it changes
-    """
-
-    change: str
-    amount: float
-    unit: str
-    cost: float
-
-
-def smallest_repairs(
-    longest_m: float, chord_m: float, target: RoadTargetClass, off_max_s: float, on_min_s: float
-) -> list[Repair]:
-    """Return single changes that certify an uncertified transition, the cheapest first.
-
-    Parameters
-    ----------
-    longest_m, chord_m : unseen length and seen length behind it, m
-    target : class of the targets
-    off_max_s, on_min_s : dwell times
-
-    Notes
-    -----
-    Each change follows from l / v_lo <= Dt_off and chord / v_max >= Dt_on with everything else fixed. An empty list
-    means that the transition is certified already.
-    """
-    allowed = target.v_lo_mps * off_max_s
-    needed = target.v_max_mps * on_min_s
-    too_long, too_short = longest_m - allowed, needed - chord_m
-    repairs: list[Repair] = []
-    if too_long > 0.0 and math.isfinite(too_long):
-        cameras = math.ceil(longest_m / allowed) - 1 if allowed > 0.0 else math.inf
-        repairs.append(
-            Repair("move or widen views along the road by", too_long, "m", too_long / max(chord_m, 1e-9))
-        )
-        repairs.append(Repair("add cameras on the way", cameras, "cameras", float(cameras)))
-        faster = longest_m / off_max_s if off_max_s > 0.0 else math.inf
-        if faster <= target.v_max_mps:
-            raised = faster - target.v_lo_mps
-            repairs.append(
-                Repair("raise the class's least speed by", raised, "m/s", raised / target.v_lo_mps)
-            )
-    if too_short > 0.0:
-        repairs.append(
-            Repair("lengthen the view along the road by", too_short, "m", too_short / max(chord_m, 1e-9))
-        )
-        slower = target.v_max_mps - chord_m / on_min_s
-        if chord_m / on_min_s >= target.v_lo_mps:
-            repairs.append(Repair("limit the class's top speed by", slower, "m/s", slower / target.v_max_mps))
-    if too_long > 0.0 and too_short > 0.0:  # both constraints fail: only changes of the views meet both
-        both = too_long + too_short
-        return [Repair("widen views along the road by", both, "m", both / max(chord_m, 1e-9))]
-    return sorted(repairs, key=lambda r: r.cost)

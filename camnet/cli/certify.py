@@ -91,6 +91,13 @@ def run(args: argparse.Namespace) -> int:
     folder = None if args.out is None else choose_folder(args.out, "", args.force)
     certified, model = _certify(args)
     content = {**certified.report, "version": __version__}
+    content["certificates"].setdefault(
+        "learned",
+        {
+            "verdict": "not certified",
+            "reason": "no motion model was given: add --learn, --model or --model-error",
+        },
+    )
     for words in content.get("warnings", []):
         say(f"warning: {words}")
     if folder is not None:
