@@ -20,6 +20,8 @@ from camnet.types import Array
 __all__ = ["Curve", "curve_clearance"]
 
 _STACK = 64
+#: shortest piece, as a share of a step
+_SHORTEST = 1e-4
 
 
 @njit(cache=True, error_model="numpy")
@@ -60,6 +62,8 @@ def curve_clearance(x: Array, v: Array, tau: float, row: Array, resolution: floa
     c, p, q, normal = np.empty((4, 3)), np.empty(3), np.empty(3), np.empty(3)
     stack = np.empty((_STACK, 2))
     lowest, best, when = math.inf, math.inf, 0.0
+    if not (np.isfinite(x).all() and np.isfinite(v).all()):
+        return -math.inf, 0.0
     for i in range(x.shape[0] - 1):
         _coefficients(x, v, i, tau, row, c)
         stack[0, 0], stack[0, 1] = 0.0, 1.0
@@ -80,7 +84,7 @@ def curve_clearance(x: Array, v: Array, tau: float, row: Array, resolution: floa
                 lowest = min(lowest, best)
                 continue
             bound = segment_clearance(row, p, q, 0.0) - sag
-            if bound >= best - resolution or size + 2 > _STACK:
+            if bound >= best - resolution or b - a < _SHORTEST or size + 2 > _STACK:
                 lowest = min(lowest, bound)
                 continue
             stack[size, 0], stack[size, 1] = middle, b

@@ -131,9 +131,9 @@ def _outline(p: Array, polygon: Array, normal: Array) -> float:
             inside = not inside
     normal[2] = 0.0
     if inside:
-        return best
+        return float(best)
     normal[0], normal[1] = -normal[0], -normal[1]
-    return -best
+    return float(-best)
 
 
 @njit(cache=True, error_model="numpy")

@@ -185,7 +185,9 @@ class Planner:
             times = np.array([0.0, *(w.t_s - end for w in beyond)])
             points = np.array([tail[-1, :3], *(w.p_world for w in beyond)])
             spline = Knots(times, points, tail[-1, 3:6]).spline()
-            tail = np.concatenate([tail, self._states(spline, tau * np.arange(1, missing + 1))])
+            tail = np.concatenate(
+                [tail, self._states(spline, tau * np.arange(1, missing + 1, dtype=np.float64))]
+            )
         return [tail]
 
     def _states(self, spline: object, t: Array) -> Array:
@@ -200,7 +202,7 @@ class Planner:
         times = np.array([0.0, *(w.t_s for w in waypoints)])
         points = np.array([p, *(w.p_world for w in waypoints)])
         splines = guesses(Knots(times, points, v, stop), rows, s.margin_m, s.dt_s, n, s.directions)
-        t = s.dt_s * np.arange(n)
+        t = s.dt_s * np.arange(n, dtype=np.float64)
         out = []
         for spline in splines[: s.attempts]:
             states = self._states(spline, t)

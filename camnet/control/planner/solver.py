@@ -97,11 +97,13 @@ def minimise(
     """Trajectory (n,10) of least objective near ``guess``, whose first position and velocity are held.
 
     ``kept`` are the statistics of the plan that ``guess`` continues (None: taken about
-    the guess). Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases any more.
+    the guess). Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases
+    any more.
     """
     s, n = np.array(guess, dtype=float), len(guess)
     at = _Objective(problem, s, kept)
-    damping, steps = 0.0, []
+    damping = 0.0
+    steps: list[float] = []
     cost = at(s)
     costs, converged = [cost], False
     while len(steps) < iterations_max and not converged:

@@ -1,8 +1,8 @@
 """First guesses of a plan: least-acceleration splines pushed out of obstacles, and their steering states.
 
 A spline through the waypoints may cross an obstacle near its middle, where the push of the likelihood is along the path
-and both sides are alike: a local optimum that no descent leaves. So for the obstacle that is hit first, points beside it
-in evenly spaced directions across the path are tried as further points of the spline, and the one of least bending
+and both sides are alike: a local optimum that no descent leaves. So for the obstacle that is hit first, points beside
+it in evenly spaced directions across the path are tried as further points of the spline, and the one of least bending
 and deepest remaining hit is kept (the rest are other homotopy classes, kept as second choices).
 """
 
@@ -38,8 +38,9 @@ class Knots:
 
     def spline(self) -> CubicSpline:
         """Curve of least integral of squared acceleration through the points."""
-        end = (1, np.zeros(3)) if self.at_rest else (2, np.zeros(3))
-        return CubicSpline(self.t, self.p, bc_type=((1, self.v), end))
+        if self.at_rest:
+            return CubicSpline(self.t, self.p, bc_type=((1, self.v), (1, np.zeros(3))))
+        return CubicSpline(self.t, self.p, bc_type=((1, self.v), (2, np.zeros(3))))
 
 
 def _bending(spline: CubicSpline, t: Array) -> float:
@@ -76,8 +77,8 @@ def guesses(
     knots: Knots, rows: Array, clearance: float, tau: float, n: int, directions: int
 ) -> list[CubicSpline]:
     """Splines from best to worst: the straight one pushed out of obstacles (K,19) until it is ``clearance`` away."""
-    times = tau * np.arange(n)
-    fine = np.linspace(0.0, times[-1], 4 * n)
+    times = tau * np.arange(n, dtype=np.float64)
+    fine = np.arange(4 * n, dtype=np.float64) * (times[-1] / (4 * n - 1))
     chosen, alternatives = knots, []
     for _ in range(2 * len(rows)):
         spline = chosen.spline()
