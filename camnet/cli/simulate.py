@@ -93,6 +93,11 @@ def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # n
     else:
         _print_figures(result.summary)
     say(f"wrote {folder}" + ("" if args.no_report else f"; open {folder / 'report.html'}"))
+    if result.summary["dwell"]["broken"]:
+        say(
+            f"error: in {result.summary['dwell']['broken']} intervals a certificate's condition was met and the error "
+            "exceeded its level all the same; an assumption of the certificate does not hold here"
+        )
     if result.interrupted:
         say(f"interrupted after {result.summary['simulated_s']:.1f} s: the run is partial and marked so")
     return 0

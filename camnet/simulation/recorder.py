@@ -28,12 +28,13 @@ def log_columns(agents: Sequence[str], targets: Sequence[str], filters: Sequence
     """Names of the log's columns; positions in m, velocities in m/s, quaternions scalar first, body to world.
 
     ``<target>.region`` and ``<target>.seen_by`` are indices of regions and cameras (-1: none), ``<agent>.role`` is
-    0 loiter, 1 intercept, 2 track.
+    0 loiter, 1 intercept, 2 track. ``<target>.off_left_s`` is how long the target may still stay unseen by the
+    ``sound`` certificate of the gap it is in (NaN: seen, or nothing is certified).
     """
     columns = ["t_s"]
     for target in targets:
         columns += [*_vector(target, "p", "m"), *_quaternion(target, "q"), *_vector(target, "v", "mps")]
-        columns += [f"{target}.{what}" for what in ("region", "seen_by", "lap")]
+        columns += [f"{target}.{what}" for what in ("region", "seen_by", "lap", "off_left_s")]
         for name in filters:
             who = f"{target}.{name}"
             columns += [*_vector(who, "p", "m"), *_quaternion(who, "q"), *_vector(who, "v", "mps")]
@@ -69,12 +70,16 @@ class Recorder:
             truth.target_p_world[m],
             truth.target_q_world[m],
             truth.target_v_world[m],
-            [float(s.target_region[m]), float(s.seen_by(m)), float(s.trackers[m].lap)],
+            [float(s.target_region[m]), float(s.seen_by(m)), float(s.trackers[m].lap), self._time_left(m)],
         ]
         for name in s.filter_names:
             e = s.filters[name][m].estimate
             parts += [e.p_world, e.q_world, e.v_world, [e.radius_m]]
         return parts
+
+    def _time_left(self, m: int) -> float:
+        left = self._simulation.statistics.dwell[m].off_time_left_s(self._simulation.snapshot.t_s)
+        return float("nan") if left is None else left
 
     def _agent(self, j: int, setpoints: Setpoints, tasks: Sequence[Task]) -> list[Array | list[float]]:
         s, truth = self._simulation, self._simulation.snapshot
