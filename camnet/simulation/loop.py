@@ -19,7 +19,6 @@ from camnet.control.monitor import DisturbanceMonitor
 from camnet.control.references import ReferenceGenerator
 from camnet.control.sliding_mode import SlidingModeController
 from camnet.errors import ConfigError
-from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.visibility import VisibilityTest
@@ -185,13 +184,6 @@ class NetworkSimulation:
     def agents_outside(self) -> BoolArray:
         """Which agents (N,) are outside their operating regions."""
         return np.asarray(~np.diagonal(self.network.containment(self.snapshot.agent_p_world)))
-
-    def excited(self, m: int, region: int) -> bool:
-        """Whether finite excitation holds for the driving model of target ``m`` in ``region``."""
-        driving = self.driving[m]
-        if not isinstance(driving, LearningEstimator):
-            return False
-        return math.isfinite(driving.model(region).excited_s())
 
     def rollout(self, m: int) -> Rollout:
         """Predicted future of target ``m`` by the driving estimator."""
