@@ -110,7 +110,7 @@ def _blocked(d: float, normal: Array, shape: Array, dt: float, grad: Array, hess
         grad[k] += first * normal[k]
         for m in range(3):
             hess[k, m] += second * normal[k] * normal[m]
-    return rate * _softplus(x)
+    return float(rate * _softplus(x))
 
 
 @njit(cache=True, error_model="numpy")
