@@ -63,7 +63,7 @@ class NetworkSimulation:
         self._visibility = VisibilityTest(
             network.cameras,
             [target.features_m for target in network.description.targets],
-            [*network.regions[: network.n_agents], *(None for _ in scenario.fixed_cameras)],
+            [None] * len(network.cameras),  # regions are asked once for everybody, in _sense
         )
         self._rays_clear = world.rays_clear if network.can_occlude else None
         self._certificates = network_certificates(network)
@@ -150,9 +150,12 @@ class NetworkSimulation:
 
     def _sense(self) -> None:
         snapshot = self.snapshot
+        inside = self.network.containment(snapshot.target_p_world)  # (M, C)
+        self.target_region = np.where(inside.any(axis=1), inside.argmax(axis=1), -1)
         self.visible = self._visibility(snapshot, self._rays_clear)
+        n = self.network.n_agents
+        self.visible[:n] &= inside[:, :n].T  # an agent sees nothing outside its region
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
-        self._locate_targets()
         for m, tracker in enumerate(self.trackers):
             self._estimate(m, _nearest([z for z in measurements if z.target == m]))
             tracker.update(snapshot.t_s, int(self.target_region[m]), self.seen_by(m))
@@ -171,10 +174,6 @@ class NetworkSimulation:
                 filter_.correct(best, best.camera)
         if best is None:
             self.gaps[m].unseen(now, filters)
-
-    def _locate_targets(self) -> None:
-        inside = self.network.containment(self.snapshot.target_p_world)
-        self.target_region = np.where(inside.any(axis=1), inside.argmax(axis=1), -1)
 
     def seen_by(self, m: int) -> int:
         """Index of a camera that truly sees target ``m`` (-1: none)."""
