@@ -46,7 +46,12 @@ def draw_network(axes: Axes, network: Network) -> None:
             axes.add_patch(Polygon(outline, facecolor=colour, alpha=0.15, edgecolor=colour, zorder=1))
         axes.plot(*spec.p_world[:2], marker="s", color=colour, markersize=5)
         axes.annotate(
-            spec.name, (spec.p_world[0], spec.p_world[1]), textcoords="offset points", xytext=(5, 5), color=colour, fontsize=8
+            spec.name,
+            (spec.p_world[0], spec.p_world[1]),
+            textcoords="offset points",
+            xytext=(5, 5),
+            color=colour,
+            fontsize=8,
         )
     for occluder in network.occluders:
         axes.add_patch(Polygon(occluder.footprint(), facecolor="#555555", edgecolor="black", zorder=3))
