@@ -35,7 +35,9 @@ def prepare(extras: str = "") -> Path:
     if not mark.exists() or mark.read_text() != state:
         print("installing camnet and what it needs (about a minute) ...", flush=True)
         target = f"{ROOT}[{extras}]" if extras else str(ROOT)
-        run("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--editable", target)
+        # byte code is made on first import, of what is used
+        options = ("--quiet", "--disable-pip-version-check", "--no-compile")
+        run("-m", "pip", "install", *options, "--editable", target)
         mark.write_text(state)
     return python()
 
