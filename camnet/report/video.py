@@ -24,7 +24,7 @@ _TAIL = 150
 def write_video(
     run: RunData,
     path: Path,
-    length_s: float = 24.0,
+    length_s: float = 18.0,
     fps: int = 12,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:

@@ -34,7 +34,7 @@ def odd_fast_length(least: float) -> int:
 
 def signed(n: int) -> Array:
     """Sample numbers 0, 1, ..., -1 of a periodic signal as signed distances from sample 0."""
-    return fft.fftfreq(n, 1.0 / n)
+    return np.asarray(fft.fftfreq(n, 1.0 / n))
 
 
 def gaussian(n: int, sigma: float) -> Array:

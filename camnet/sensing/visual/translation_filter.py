@@ -53,7 +53,7 @@ class TranslationModel:
 def label_spectrum(rows: int, columns: int, sigma: tuple[float, float]) -> _Complex:
     """Transform G of the wanted response: a Gaussian of width ``sigma`` (rows, columns) cells about cell (0, 0)."""
     label = np.outer(gaussian(rows, sigma[0]), gaussian(columns, sigma[1]))
-    return fft.rfft2(label).astype(np.complex64)
+    return np.asarray(fft.rfft2(label), dtype=np.complex64)
 
 
 def learn(
