@@ -10,7 +10,7 @@ Rates: physics inside the world, control at ``controller.rate_hz``, sensing at `
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,6 +99,9 @@ class NetworkSimulation:
         ]
         self.visible: BoolArray = np.zeros((len(network.cameras), network.n_targets), dtype=bool)
         self.target_region = np.full(network.n_targets, -1)
+        self.working: BoolArray = np.ones(
+            len(network.cameras), dtype=bool
+        )  # a camera that does not sees nothing
         self._entries: list[list[Entry | None]] = []
         self._next_plan_s = -math.inf
         self.statistics = RunStatistics(self, self._certificates)
@@ -132,6 +135,18 @@ class NetworkSimulation:
             if self.count % self.sense_every == 0:
                 self._sense()
 
+    def advance_commanded(self, pilot: Callable[[Snapshot], CameraCommand]) -> None:
+        """Run one decision period under velocity commands of ``pilot``, asked every control period.
+
+        References and sliding mode are out of the loop, and so is the monitor of their envelope.
+        """
+        for _ in range(self.decide_every):
+            self.snapshot = self.world.step(pilot(self.snapshot))
+            self.count += 1
+            self.statistics.after_control(self)
+            if self.count % self.sense_every == 0:
+                self._sense()
+
     def _control_step(self, setpoints: Setpoints) -> None:
         n, before = self.network.n_agents, self.snapshot
         reference = self._references.reference(self._reference_state)
@@ -155,6 +170,7 @@ class NetworkSimulation:
         self.visible = self._visibility(snapshot, self._rays_clear)
         n = self.network.n_agents
         self.visible[:n] &= inside[:, :n].T  # an agent sees nothing outside its region
+        self.visible &= self.working[:, None]
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         for m, tracker in enumerate(self.trackers):
             self._estimate(m, _nearest([z for z in measurements if z.target == m]))
