@@ -56,6 +56,12 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     site.add_argument(
         "--tracks", metavar="CSV", type=Path, help="recorded people, checked against the reachable sets"
     )
+    site.add_argument(
+        "--fix-error",
+        type=_non_negative,
+        metavar="M",
+        help="bound of a recorded fix's error, m (default: calibrated by the earliest quarter of the fixes)",
+    )
     site.add_argument("--origin", metavar="LAT,LON,ALT", help="local frame of the tracks, degrees and m")
     site.add_argument("--image", metavar="WxH", default="1920x1080", help="size of the cameras' images, px")
     site.add_argument(
@@ -66,6 +72,11 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     add_target_class(parser)
     parser.set_defaults(run=run)
+
+
+def _non_negative(text: str) -> float:
+    """Parse a finite number >= 0, for argparse."""
+    return 0.0 if text.strip() in ("0", "0.0") else positive(text)
 
 
 def add_target_class(parser: argparse.ArgumentParser) -> None:
@@ -175,7 +186,8 @@ def _growth(args: argparse.Namespace, e0_m: float) -> Any:  # noqa: ANN401 - imp
 
 def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     from camnet.certification.free_network import FreeTargetClass
-    from camnet.experiments.certify_site import certify_cameras, check_recorded
+    from camnet.experiments.certify_site import certify_cameras
+    from camnet.experiments.recorded_people import check_recorded
 
     target = FreeTargetClass(args.v_max or 2.0, args.extent or 0.3)
     e0 = args.initial_error or 3.0
@@ -191,7 +203,11 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     )
     certified.report["network"]["name"] = str(args.cameras.name)
     if args.tracks is not None:
-        certified.report["recorded"] = check_recorded(_tracks(args), views, names, target, 0.0)
+        found = check_recorded(_tracks(args), views, names, target, 0.0, args.fix_error)
+        certified.report["recorded"] = found
+        certified.report["target_class"] += (
+            f"; recorded fixes off by at most {found['fix_error_m']:.3g} m ({found['fix_error_source']})"
+        )
     return certified
 
 
@@ -256,14 +272,22 @@ def _print(content: dict[str, Any]) -> None:
             print(f"  dwell times of the estimator: {certificate['dwell_times']}")
     _print_transitions(content["transitions"])
     if "recorded" in content:
-        r = content["recorded"]
-        print(
-            f"\nrecorded people: {r['fixes']} fixes, {r['faster_than_v_max']} of the steps between them are faster "
-            f"than {r['v_max_mps']:g} m/s (the error of their receivers included)\n"
-            f"  out of their reachable set: {r['outside']} of {r['checked']} unseen fixes reached within the class, "
-            f"{r['outside_all']} of all {r['checked_all']}\n"
-            f"  smallest v_max for which none is outside: {r['least_v_max_mps']:.3g} m/s"
-        )
+        _print_recorded(content["recorded"])
+
+
+def _print_recorded(r: dict[str, Any]) -> None:
+    later = r["held_out"]
+    print(
+        f"\nrecorded people: {r['people']} with {r['fixes']} fixes, {r['faster_than_v_max']} steps between them are "
+        f"faster than {r['v_max_mps']:g} m/s\n"
+        f"  error of a fix: at most {r['fix_error_m']:.3g} m ({r['fix_error_source']})\n"
+        f"  out of their reachable set: {later['outside']} of {later['unseen']} unseen fixes"
+        f"{'' if r['fix_error_source'] == 'stated' else ' recorded later'}, {r['outside']} of all {r['unseen']}\n"
+        f"  nobody leaves from an error of {r['least_fix_error_m']:.4g} m on (exact fixes: v_max "
+        f"{r['least_v_max_mps']:.3g} m/s)\n  error m  fixes outside  people outside"
+    )
+    for row in r["table"]:
+        print(f"  {row['fix_error_m']:7g}  {row['outside']:13d}  {row['people_outside']:14d}")
 
 
 _MOST_ROWS = 40

@@ -30,21 +30,18 @@ from camnet.geometry.settings import CameraModel, Intrinsics
 from camnet.importers.krtd import KrtdCamera, read_krtd_folder
 from camnet.importers.sumo import SumoNetwork, read_sumo_network
 from camnet.importers.sumo_detectors import Sensor, read_detectors, read_sensor_table
-from camnet.motion.track import Track
 from camnet.types import Array
 
 __all__ = [
     "RoadSite",
     "certify_cameras",
     "certify_road_cameras",
-    "check_recorded",
     "read_road_site",
     "usable_frustum",
 ]
 
 #: shares of the image that are tried where the distortion folds it over
 _SHARES = np.arange(0.98, 0.2, -0.02)
-_SLACK_M = 1e-6
 
 
 def usable_frustum(name: str, intrinsics: Intrinsics, near_m: float, far_m: float) -> tuple[Frustum, float]:
@@ -135,45 +132,6 @@ def certify_cameras(
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
     return Certified(report, outlines, free_lines(report, ground)), views, names, warnings
-
-
-def check_recorded(
-    tracks: Sequence[Track], views: Views, names: Sequence[str], target: FreeTargetClass, height_m: float
-) -> dict[str, Any]:
-    """Check recorded people against the reachable sets of the free class.
-
-    For every fix out of view, the set is the disc about the last fix in view with radius v_max times the time since.
-    Where some step since then is itself faster than v_max the class says nothing; those fixes are counted apart.
-
-    Returns
-    -------
-    dict
-        ``fixes``, ``faster_than_v_max``: steps between fixes whose own speed exceeds v_max; ``checked`` and
-        ``outside``: unseen fixes reached by steps within the class, and those out of their set; ``outside_all``: the
-        same over all unseen fixes (``checked_all``); ``least_v_max_mps``: smallest v_max for which none is outside.
-    """
-    ground = ground_views(views, names, height_m, target.extent_m)
-    out = dict.fromkeys(("fixes", "faster_than_v_max", "checked", "outside", "checked_all", "outside_all"), 0)
-    least = 0.0
-    for track in tracks:
-        p, t = track.p_world[:, :2], track.t_s
-        visible = np.any([g.view.depth(p) >= 0.0 for g in ground], axis=0)
-        fast = np.linalg.norm(np.diff(p, axis=0), axis=1) > target.v_max_mps * np.diff(t)
-        ahead = np.cumsum(np.r_[0, fast])
-        out["fixes"] += len(p)
-        out["faster_than_v_max"] += int(fast.sum())
-        last = np.maximum.accumulate(np.where(visible, np.arange(len(p)), -1))
-        rows = np.flatnonzero(~visible & (last >= 0))
-        away = np.linalg.norm(p[rows] - p[last[rows]], axis=1)
-        since = t[rows] - t[last[rows]]
-        beyond = away > target.v_max_mps * since + _SLACK_M
-        within = ahead[rows] == ahead[last[rows]]
-        out["checked"] += int(within.sum())
-        out["outside"] += int((beyond & within).sum())
-        out["checked_all"] += len(rows)
-        out["outside_all"] += int(beyond.sum())
-        least = max(least, float((away / since).max(initial=0.0)))
-    return {**out, "v_max_mps": target.v_max_mps, "least_v_max_mps": least}
 
 
 @dataclass(frozen=True, eq=False)
