@@ -11,8 +11,8 @@ reachable set for certain only if a fix is further away than v_max t + 2 e. With
 fix that is reached by steps within v_max is in the set by the triangle inequality, and every other fix may be an error.
 
 e is stated, or calibrated by the earliest quarter of all fixes, seen or not. A step between two fixes that is longer
-than v_max dt + 2 e disproves e, so that the largest (d - v_max dt) / 2 of those steps is the least e that they allow. What
-was lost from view after the calibration is checked with steps that it never saw; that is what counts.
+than v_max dt + 2 e disproves e, so that the largest (d - v_max dt) / 2 of those steps is the least e that they allow.
+What was lost from view after the calibration is checked with an e that knew nothing of it; that is what counts.
 """
 
 from __future__ import annotations
