@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from camnet.settings import NonNegative, Positive, Settings
+from camnet.settings import Fraction, NonNegative, Positive, Settings
 
-__all__ = ["EnvSettings", "RewardSettings"]
+__all__ = ["EnvSettings", "FailureSettings", "RewardSettings"]
 
 
 class RewardSettings(Settings):
@@ -30,11 +30,25 @@ class RewardSettings(Settings):
     collision: NonNegative = 20.0
 
 
+class FailureSettings(Settings):
+    """When agents fail: at random, by a schedule, or both.
+
+    Each agent fails with ``rate_per_s`` (the hazard of an exponential lifetime), or at the time that ``schedule_s``
+    names for it. A failed agent's camera sees nothing and it sends no messages any more; its body hovers where it was.
+    """
+
+    rate_per_s: NonNegative = 0.0
+    schedule_s: dict[str, NonNegative] = {}
+
+
 class EnvSettings(Settings):
     """How the network is shown to policies.
 
     ``gaze_max_rad`` is the largest pan and tilt away from straight down; ``neighbours`` the number of nearest agents
     in an observation, those farther than ``communication_range_m`` being left out.
+
+    ``action_mode`` and ``region_guard`` are explained in `camnet.env.actions`, ``observation_form`` ("flat" array or
+    "dict" of named parts) in `camnet.env.layout`, ``message_delay_s`` and ``message_loss`` in `camnet.env.messages`.
     """
 
     max_cycles: Annotated[int, Field(gt=0)] = 600
@@ -44,3 +58,9 @@ class EnvSettings(Settings):
     terminate_on_collision: bool = True
     lost_limit_s: Positive | None = None
     reward: RewardSettings = RewardSettings()
+    action_mode: Literal["setpoint", "velocity", "assign"] = "setpoint"
+    observation_form: Literal["flat", "dict"] = "flat"
+    region_guard: bool = True
+    message_delay_s: NonNegative = 0.0
+    message_loss: Fraction = 0.0
+    failures: FailureSettings = FailureSettings()

@@ -1,0 +1,262 @@
+"""What an action is: three modes.
+
+| mode | space | meaning |
+| --- | --- | --- |
+| `setpoint` | Box(5) in [-1, 1] | position in the own region (0: its centre, +-1: its faces less the margin), gaze (pan, tilt) over `gaze_max_rad`; sliding-mode control flies there |
+| `velocity` | Box(6) in [-1, 1] | velocity over `reference_v_max_mps` and angular velocity of the camera over `reference_w_max_radps`, both along world axes; the built-in controller is out of the loop |
+| `assign` | Discrete(2M + 2) | 0..M-1 track target m, M..2M-1 wait at its predicted entry, 2M loiter, 2M + 1 hold; everything below is built in |
+
+Containment. In `setpoint` and `assign` the references never leave the region. In `velocity` the command is guarded so
+that the camera stays in its region (`camnet.env.velocity`) unless ``region_guard=False``: then leaving is possible, and
+only penalised (``reward.region_exit`` a second and agent). The angular velocity of `velocity` has world axes, since an
+observation holds the optical axis but not the turn of the image about it.
+
+An assignment that means nothing at present (a target never seen, no predicted entry) loiters;
+``infos[agent]["action_mask"]`` says which ones mean something. Agents that have failed hold where they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from camnet.control.setpoints import Setpoint, intercept, loiter, track
+from camnet.env.beliefs import Beliefs
+from camnet.env.settings import EnvSettings
+from camnet.env.velocity import VelocityPilot
+from camnet.errors import ConfigError
+from camnet.geometry.rotations import gaze_angles, rotate
+from camnet.simulation.coordination import Role, Task
+from camnet.simulation.loop import NetworkSimulation, Setpoints
+from camnet.types import Array, BoolArray
+
+__all__ = ["ActionMode", "action_mode", "setpoint_of"]
+
+_FORWARD = np.array([0.0, 0.0, 1.0])
+_DOWN = np.array([0.0, 0.0, -1.0])
+#: gain from errors to velocities where a built-in task is flown in `velocity` mode, 1/s
+_GAIN_PER_S = 2.0
+
+
+class ActionMode(Protocol):
+    """One of the three modes, for all N agents of a network."""
+
+    def space(self) -> spaces.Space[Any]:
+        """Return a space of one agent's actions."""
+        ...
+
+    def reset(self) -> None:
+        """Start an episode."""
+        ...
+
+    def fly(self, simulation: NetworkSimulation, actions: Mapping[str, Any], beliefs: Beliefs | None) -> None:
+        """Fly one decision under the actions of the agents that still work; the others hold."""
+        ...
+
+    def mask(self, beliefs: Beliefs | None, j: int) -> NDArray[np.int8] | None:
+        """Which actions mean something to agent ``j`` (None: all)."""
+        ...
+
+    def encode(self, simulation: NetworkSimulation, j: int, task: Task, setpoint: Setpoint) -> Any:  # noqa: ANN401
+        """Action of agent ``j`` that comes nearest to a task of the built-in system and its setpoint."""
+        ...
+
+
+def action_mode(simulation: NetworkSimulation, settings: EnvSettings, names: Sequence[str]) -> ActionMode:
+    """Build the mode that ``settings.action_mode`` names."""
+    modes = {"setpoint": SetpointMode, "velocity": VelocityMode, "assign": AssignMode}
+    mode: ActionMode = modes[settings.action_mode](simulation, settings, names)
+    return mode
+
+
+def setpoint_of(simulation: NetworkSimulation, beliefs: Beliefs, j: int, task: Task) -> Setpoint:
+    """Setpoint of agent ``j`` for a task, from its own beliefs (harris2020, section 4.1)."""
+    network, own_p = simulation.network, simulation.snapshot.camera_p_world[j]
+    region, camera, controller = network.regions[j], network.cameras[j], network.scenario.controller
+    if task.role is Role.TRACK:
+        return track(beliefs.estimates(j)[task.target], region, camera, controller, own_p)
+    if task.role is Role.INTERCEPT and task.entry is not None:
+        entry = task.entry
+        late_s = beliefs.t_s - entry.t_s
+        return intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, controller, late_s)
+    return loiter(region, camera, controller)
+
+
+class _Mode:
+    """What the modes have in common."""
+
+    def __init__(self, simulation: NetworkSimulation, settings: EnvSettings, names: Sequence[str]) -> None:
+        network = simulation.network
+        self._names, self._settings = tuple(names), settings
+        self._controller = network.scenario.controller
+        bounds = np.stack([region.bounds for region in network.regions[: network.n_agents]])
+        self._centers = bounds.mean(axis=1)
+        self._reach = np.maximum(np.ptp(bounds, axis=1) / 2 - self._controller.region_margin_m, 0.0)
+        self._held: dict[int, tuple[Array, Array]] = {}
+
+    def reset(self) -> None:
+        """Nobody holds."""
+        self._held = {}
+
+    def mask(self, beliefs: Beliefs | None, j: int) -> NDArray[np.int8] | None:
+        """All actions mean something."""
+        return None
+
+    def _boxed(self, actions: Mapping[str, Any], width: int) -> tuple[Array, BoolArray]:
+        """Actions (N, width) clipped to [-1, 1], zero where there is none, and who gave one."""
+        given = np.array([name in actions for name in self._names])
+        flat = np.zeros((len(self._names), width))
+        for j in np.flatnonzero(given):
+            action = np.asarray(actions[self._names[j]], dtype=float).reshape(-1)
+            if action.shape != (width,) or not np.isfinite(action).all():
+                raise ConfigError(
+                    f"action of {self._names[j]} = {actions[self._names[j]]!r}: {width} finite numbers in [-1, 1] "
+                    "were expected"
+                )
+            flat[j] = action
+        return np.clip(flat, -1.0, 1.0), given
+
+    def _hold(self, simulation: NetworkSimulation, j: int) -> tuple[Array, Array]:
+        """Position and gaze of agent ``j`` at the time it began to hold."""
+        if j not in self._held:
+            now = simulation.snapshot
+            pan, tilt = gaze_angles(rotate(now.camera_q_world[j], _FORWARD))
+            self._held[j] = (now.camera_p_world[j].copy(), np.array([float(pan), float(tilt)]))
+        return self._held[j]
+
+
+class SetpointMode(_Mode):
+    """Position in the own region and gaze."""
+
+    def space(self) -> spaces.Box:
+        """Space of one agent's actions."""
+        return spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
+
+    def setpoints(self, simulation: NetworkSimulation, actions: Mapping[str, Any]) -> Setpoints:
+        """Return the setpoints that actions ask for: positions in the world, gaze angles."""
+        flat, given = self._boxed(actions, 5)
+        p_world = self._centers + flat[:, :3] * self._reach
+        gaze = flat[:, 3:] * self._settings.gaze_max_rad
+        for j in np.flatnonzero(~given).tolist():
+            p_world[j], gaze[j] = self._hold(simulation, j)
+        return Setpoints(p_world, gaze)
+
+    def fly(self, simulation: NetworkSimulation, actions: Mapping[str, Any], beliefs: Beliefs | None) -> None:
+        """See `ActionMode`."""
+        simulation.advance(self.setpoints(simulation, actions))
+
+    def encode(
+        self, simulation: NetworkSimulation, j: int, task: Task, setpoint: Setpoint
+    ) -> NDArray[np.float32]:
+        """See `ActionMode`."""
+        place = (setpoint.p_world - self._centers[j]) / np.maximum(self._reach[j], 1e-6)
+        flat = np.concatenate([place, setpoint.gaze / self._settings.gaze_max_rad])
+        return np.clip(flat, -1.0, 1.0).astype(np.float32)
+
+
+class VelocityMode(_Mode):
+    """Velocity of the camera and its angular velocity."""
+
+    def __init__(self, simulation: NetworkSimulation, settings: EnvSettings, names: Sequence[str]) -> None:
+        super().__init__(simulation, settings, names)
+        regions = simulation.network.regions[: len(self._names)]
+        self._pilot = VelocityPilot(self._controller, regions, simulation.control_dt_s, settings.region_guard)
+
+    def space(self) -> spaces.Box:
+        """Space of one agent's actions."""
+        return spaces.Box(-1.0, 1.0, (6,), dtype=np.float32)
+
+    def reset(self) -> None:
+        """Start at rest."""
+        super().reset()
+        self._pilot.reset()
+
+    def fly(self, simulation: NetworkSimulation, actions: Mapping[str, Any], beliefs: Beliefs | None) -> None:
+        """See `ActionMode`."""
+        flat, given = self._boxed(actions, 6)
+        for j in np.flatnonzero(~given).tolist():
+            flat[j] = self._towards(simulation, j, *self._hold(simulation, j))
+        self._pilot.ask(flat)
+        simulation.advance_commanded(self._pilot)
+
+    def _towards(self, simulation: NetworkSimulation, j: int, p_world: Array, gaze: Array) -> Array:
+        """Action (6,) that leads agent ``j`` to a position and a gaze."""
+        now, controller = simulation.snapshot, self._controller
+        v = limit_share(_GAIN_PER_S * (p_world - now.camera_p_world[j]) / controller.reference_v_max_mps)
+        axis = rotate(now.camera_q_world[j], _FORWARD)
+        wanted = np.array([np.tan(gaze[0]), np.tan(gaze[1]), -1.0])
+        turn = np.cross(axis, wanted / np.linalg.norm(wanted))  # about the world's axes, sine of the angle
+        w = limit_share(_GAIN_PER_S * turn / controller.reference_w_max_radps)
+        return np.concatenate([v, w])
+
+    def encode(
+        self, simulation: NetworkSimulation, j: int, task: Task, setpoint: Setpoint
+    ) -> NDArray[np.float32]:
+        """See `ActionMode`."""
+        gaze = np.clip(setpoint.gaze, -1.4, 1.4)
+        return self._towards(simulation, j, setpoint.p_world, gaze).astype(np.float32)
+
+
+class AssignMode(_Mode):
+    """One task out of a list."""
+
+    def __init__(self, simulation: NetworkSimulation, settings: EnvSettings, names: Sequence[str]) -> None:
+        super().__init__(simulation, settings, names)
+        self._m = simulation.network.n_targets
+
+    def space(self) -> spaces.Discrete:
+        """Space of one agent's actions."""
+        return spaces.Discrete(2 * self._m + 2)
+
+    def mask(self, beliefs: Beliefs | None, j: int) -> NDArray[np.int8]:
+        """See `ActionMode`."""
+        if beliefs is None:
+            raise ConfigError("action_mode 'assign' needs beliefs")
+        known = np.isfinite(beliefs.last_seen_s[j])
+        coming = [entry is not None for entry in beliefs.entries[j]]
+        return np.concatenate([known, coming, [True, True]]).astype(np.int8)
+
+    def fly(self, simulation: NetworkSimulation, actions: Mapping[str, Any], beliefs: Beliefs | None) -> None:
+        """See `ActionMode`."""
+        if beliefs is None:
+            raise ConfigError("action_mode 'assign' needs beliefs")
+        p_world, gaze = np.empty((len(self._names), 3)), np.empty((len(self._names), 2))
+        for j, name in enumerate(self._names):
+            number = self._number(name, actions[name]) if name in actions else 2 * self._m + 1
+            if number == 2 * self._m + 1:
+                p_world[j], gaze[j] = self._hold(simulation, j)
+                continue
+            self._held.pop(j, None)
+            p_world[j], gaze[j] = setpoint_of(simulation, beliefs, j, self._task(number, beliefs, j))
+        simulation.advance(Setpoints(p_world, gaze))
+
+    def _number(self, name: str, action: Any) -> int:  # noqa: ANN401 - whatever a user gives
+        number = np.asarray(action)
+        if number.size != 1 or number.dtype.kind not in "iu" or not 0 <= int(number.item()) < 2 * self._m + 2:
+            raise ConfigError(
+                f"action of {name} = {action!r}: a whole number in 0..{2 * self._m + 1} was expected"
+            )
+        return int(number.item())
+
+    def _task(self, number: int, beliefs: Beliefs, j: int) -> Task:
+        if number < self._m and np.isfinite(beliefs.last_seen_s[j, number]):
+            return Task(Role.TRACK, number)
+        if self._m <= number < 2 * self._m:
+            entry = beliefs.entries[j][number - self._m]
+            if entry is not None:
+                return Task(Role.INTERCEPT, number - self._m, entry)
+        return Task(Role.LOITER)
+
+    def encode(self, simulation: NetworkSimulation, j: int, task: Task, setpoint: Setpoint) -> np.int64:
+        """See `ActionMode`."""
+        number = {Role.TRACK: task.target, Role.INTERCEPT: self._m + task.target}.get(task.role, 2 * self._m)
+        return np.int64(number)
+
+
+def limit_share(share: Array) -> Array:
+    """Shorten a vector to length 1."""
+    return np.asarray(share / max(float(np.linalg.norm(share)), 1.0))
