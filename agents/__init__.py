@@ -1,7 +1,8 @@
 """Policies, one per file: a policy sees observations, never the truth and never the physics engine.
 
 Import as ``camnet.agents``; the top-level name ``agents`` belongs to other packages.
-`make_policies` builds one policy for every agent of an environment by name; `AGENTS` lists the names.
+`make_policies` builds one policy for every agent of an environment by name, `make_team` what acts for all of them at
+once; `AGENTS` lists the names and `estimator_of` says which estimator an environment needs for each.
 """
 
 from __future__ import annotations
@@ -9,20 +10,24 @@ from __future__ import annotations
 if __name__ != "camnet.agents":
     raise ImportError("import this package as camnet.agents")
 
-import numpy as np
-
-from camnet.agents.learned import Learned
-from camnet.agents.nearest import Nearest
 from camnet.agents.policy import AgentContext, Policy, contexts
-from camnet.agents.random_walk import RandomWalk
-from camnet.agents.static import Static
+from camnet.agents.policy_file import load_policy, save_policy
+from camnet.agents.roster import AGENTS, Team, build_policies, build_team, estimator_of
 from camnet.env.handoff_v0 import HandoffEnv
-from camnet.errors import ConfigError
 
-__all__ = ["AGENTS", "AgentContext", "Policy", "contexts", "make_policies"]
-
-#: names of the built-in agents; ``learned`` and ``ekf`` share a rule and differ in the environment's ``filter_name``
-AGENTS = ("learned", "ekf", "nearest", "static", "random")
+__all__ = [
+    "AGENTS",
+    "AgentContext",
+    "Policy",
+    "Team",
+    "build_team",
+    "contexts",
+    "estimator_of",
+    "load_policy",
+    "make_policies",
+    "make_team",
+    "save_policy",
+]
 
 
 def make_policies(name: str, env: HandoffEnv, seed: int = 0) -> dict[str, Policy]:
@@ -33,17 +38,15 @@ def make_policies(name: str, env: HandoffEnv, seed: int = 0) -> dict[str, Policy
     ConfigError
         There is no such policy; the known names are listed.
     """
-    known = contexts(env)
-    if name in ("learned", "ekf"):
-        return {agent: Learned(context) for agent, context in known.items()}
-    if name == "nearest":
-        return {agent: Nearest(context) for agent, context in known.items()}
-    if name == "static":
-        return {agent: Static(context) for agent, context in known.items()}
-    if name == "random":
-        seeds = np.random.SeedSequence(seed).spawn(len(known))
-        return {
-            agent: RandomWalk(context, np.random.default_rng(child))
-            for (agent, context), child in zip(known.items(), seeds, strict=True)
-        }
-    raise ConfigError(f"agent {name!r}: unknown; known are {', '.join(AGENTS)}")
+    return build_policies(name, contexts(env), seed)
+
+
+def make_team(name: str, env: HandoffEnv, seed: int = 0) -> Team:
+    """Build what acts for all agents of ``env``: a built-in agent, or a policy file by its name.
+
+    Raises
+    ------
+    ConfigError, DataError
+        There is no such agent, or its policy file cannot be read.
+    """
+    return build_team(name, contexts(env), seed)

@@ -12,7 +12,18 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from camnet import __version__  # noqa: E402 - the thread counts above come first
-from camnet.cli import bench, certify, design, falsify, report, reproduce, simulate, track_video, worlds  # noqa: E402
+from camnet.cli import (  # noqa: E402
+    bench,
+    certify,
+    design,
+    evaluate,
+    falsify,
+    report,
+    reproduce,
+    simulate,
+    track_video,
+    worlds,
+)
 from camnet.errors import CamnetError, SimulationError  # noqa: E402
 
 __all__ = ["build_parser", "main"]
@@ -36,7 +47,18 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"camnet {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in (simulate, certify, falsify, design, worlds, report, reproduce, track_video, bench):
+    for module in (
+        simulate,
+        certify,
+        falsify,
+        design,
+        evaluate,
+        worlds,
+        report,
+        reproduce,
+        track_video,
+        bench,
+    ):
         module.add_parser(commands)
     return parser
 

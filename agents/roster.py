@@ -1,0 +1,116 @@
+"""Every agent by name: the estimator it relies on, and how its team is built.
+
+| name | rule | estimator |
+| --- | --- | --- |
+| `learned` | track, meet at the predicted entry, loiter | learning estimator, one model a target |
+| `learned_shared` | the same | learning estimator, one model for all targets |
+| `adate` | the same | AdaTE with the power-limited steering model |
+| `ekf` | the same | constant-velocity extended Kalman filter |
+| `oracle` | the same | the truth and the true future: the upper bound |
+| `auction` | the same, each target given to one agent by auction | learning estimator |
+| `nearest` | fly towards the nearest estimate | constant-velocity extended Kalman filter |
+| `static` | stay in the middle, look down | (the same) |
+| `random` | any action | (the same) |
+| a file name | what `camnet train` wrote there | the one it was trained with |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camnet.agents.auction import Auction
+from camnet.agents.learned import Learned
+from camnet.agents.nearest import Nearest
+from camnet.agents.policy import Action, AgentContext, Policy
+from camnet.agents.policy_file import load_policy
+from camnet.agents.random_walk import RandomWalk
+from camnet.agents.static import Static
+from camnet.agents.trained import Trained
+from camnet.errors import ConfigError
+
+__all__ = ["AGENTS", "Team", "build_policies", "build_team", "estimator_of"]
+
+#: acts for all agents of one environment: observations by name in, actions by name out
+Team = Callable[[Mapping[str, NDArray[np.float32]]], dict[str, Action]]
+
+_SINGLE: dict[str, Callable[[AgentContext], Policy]] = {
+    "learned": Learned,
+    "learned_shared": Learned,
+    "adate": Learned,
+    "ekf": Learned,
+    "oracle": Learned,
+    "nearest": Nearest,
+    "static": Static,
+}
+_ESTIMATOR = {"auction": "learned", "nearest": "ekf", "static": "ekf", "random": "ekf"}
+
+#: names of the built-in agents
+AGENTS = (*_SINGLE, "auction", "random")
+
+
+def _is_file(name: str) -> bool:
+    return name.endswith(".npz")
+
+
+def estimator_of(name: str) -> str:
+    """Return the estimator (`camnet.simulation.filters.FILTERS`) that an agent's observations come from.
+
+    Raises
+    ------
+    ConfigError, DataError
+        There is no such agent, or its policy file cannot be read.
+    """
+    if _is_file(name):
+        return load_policy(Path(name)).header.filter_name
+    if name not in AGENTS:
+        raise ConfigError(
+            f"agent {name!r}: unknown; known are {', '.join(AGENTS)}, and policy files by name (*.npz)"
+        )
+    return _ESTIMATOR.get(name, name)
+
+
+def build_policies(name: str, known: Mapping[str, AgentContext], seed: int = 0) -> dict[str, Policy]:
+    """Build one policy per agent; agents that act as a team (``auction``, policy files) have none.
+
+    Raises
+    ------
+    ConfigError
+        There is no such policy.
+    """
+    if name == "random":
+        seeds = np.random.SeedSequence(seed).spawn(len(known))
+        return {
+            agent: RandomWalk(context, np.random.default_rng(child))
+            for (agent, context), child in zip(known.items(), seeds, strict=True)
+        }
+    if name not in _SINGLE:
+        names = ", ".join((*_SINGLE, "random"))
+        raise ConfigError(f"agent {name!r}: unknown as a policy of one agent; known are {names}")
+    return {agent: _SINGLE[name](context) for agent, context in known.items()}
+
+
+def build_team(name: str, known: Mapping[str, AgentContext], seed: int = 0) -> Team:
+    """Build what acts for all agents of an environment.
+
+    Parameters
+    ----------
+    name : of an agent, or of a policy file
+    known : fixed facts of every agent (`camnet.agents.contexts`)
+    seed : of the random agent
+
+    Raises
+    ------
+    ConfigError, DataError
+        There is no such agent, or its policy file cannot be read.
+    """
+    estimator_of(name)  # names are checked in one place
+    if name == "auction":
+        return Auction(known)
+    if _is_file(name):
+        return Trained(known, load_policy(Path(name)))
+    policies = build_policies(name, known, seed)
+    return lambda observations: {agent: policies[agent](seen) for agent, seen in observations.items()}

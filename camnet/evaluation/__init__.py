@@ -1,0 +1,1 @@
+"""Scores of agents on worlds: episodes played on common seeds, confidence intervals, paired comparisons, tables."""
