@@ -15,7 +15,7 @@ from numba import njit
 from camnet.motion.curve import ClosedCurve, frame_at, nearest_parameter
 from camnet.types import Array
 
-__all__ = ["Guide", "LoopField", "PlanarField", "WaveField"]
+__all__ = ["Guide", "LoopField", "PlanarField", "WaveField", "loop_guide_at", "wave_guide"]
 
 #: how often the speed rises and falls once around a loop
 _SPEED_WAVES = 2
@@ -86,7 +86,7 @@ class WaveField:
         """Return what the field wants at (x, y), m."""
         cx, cy = self.center_m
         return Guide(
-            *_wave_guide(
+            *wave_guide(
                 (x - cx) / self.scale_m,
                 (y - cy) / self.scale_m,
                 self.scale_m,
@@ -106,8 +106,22 @@ def _loop_guide(
     sample_u: Array,
     shape: tuple[float, float, float],
 ) -> tuple[float, float, float, float]:
-    g, speed, modulation = shape
     u = nearest_parameter(x, y, knots, coefficients, samples, sample_u)
+    return loop_guide_at(u, x, y, knots, coefficients, shape)
+
+
+@njit(cache=True)
+def loop_guide_at(
+    u: float, x: float, y: float, knots: Array, coefficients: Array, shape: tuple[float, float, float]
+) -> tuple[float, float, float, float]:
+    """What a loop wants at (x, y), whose nearest point on the curve is at ``u``; shape: attraction, speed, modulation.
+
+    Returns
+    -------
+    tuple of float
+        Direction, its gradient (2) and speed, as in `Guide`.
+    """
+    g, speed, modulation = shape
     cx, cy, phi, kappa = frame_at(u, knots, coefficients)
     tx, ty = math.cos(phi), math.sin(phi)
     d = tx * (y - cy) - ty * (x - cx)
@@ -120,9 +134,10 @@ def _loop_guide(
 
 
 @njit(cache=True)
-def _wave_guide(
+def wave_guide(
     a: float, b: float, scale: float, speed: float, modulation: float
 ) -> tuple[float, float, float, float]:
+    """What a wave wants at the offset (a, b) from its centre over ``scale``: direction, gradient (2), speed."""
     r2 = _WAVE_RADIUS * _WAVE_RADIUS
     radial = 1.0 - (a * a + b * b) / r2
     f = radial * a - b + _WAVE_CORNERS * (a * a - b * b)
