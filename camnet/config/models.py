@@ -81,13 +81,17 @@ class HandoffSettings(Settings):
 class RunSettings(Settings):
     """Length and rates of a run, and the estimators that run side by side on the same measurements.
 
-    The first estimator drives the agents. ``printed`` is the learned one without the remedies of the gap problem.
+    The first estimator drives the agents. ``learned_shared`` lets all targets learn from each other; ``printed`` is the
+    learned one without the remedies of the gap problem; ``ideal`` knows the true velocity now, ``oracle`` the future.
     """
 
     duration_s: Positive = 300.0
     decision_hz: Positive = 10.0
     log_hz: Positive = 10.0
-    estimators: Annotated[tuple[Literal["learned", "printed", "ekf", "ideal"], ...], Field(min_length=1)] = (
+    estimators: Annotated[
+        tuple[Literal["learned", "learned_shared", "printed", "ekf", "ukf", "ideal", "oracle"], ...],
+        Field(min_length=1),
+    ] = (
         "learned",
         "printed",
         "ekf",

@@ -292,6 +292,20 @@ class MotionModel:
             self._no_error if error is None else error,
         )
 
+    def add_feedback(self, sigma: Array, error: Array) -> None:
+        """Add the feedback (sigma (p,), G^T eta_til (8,)) of one more target to the step that was taken last.
+
+        The implicit step is linear, so this gives what one step with the sum of all feedbacks gives (up to the
+        projection, which then acts twice).
+        """
+        s = self._settings
+        share = self._dt * s.gamma * np.outer(sigma, error)
+        touched = self._inverse @ share[self._order]
+        after = self.weights + self._fade * share
+        after[self._order] = self.weights[self._order] + touched
+        project_step(self.weights, after, self._outputs, s.weight_bound, LAYER_SHARE * s.weight_bound)
+        self.weights = after
+
     def _stepped(self, inverse: Array, fade: float, dt_s: float, sigma: Array, error: Array) -> Array:
         s = self._settings
         return weight_step(

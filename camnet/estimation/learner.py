@@ -1,8 +1,9 @@
 """What the learning estimator remembers of each region, and how measured poses become entries of the stacks.
 
-Every region has a ``RegionMemory``: its motion model, error radius and outlier gate. One ``Learner`` turns the stream
-of measured poses into integral windows (3-11), regressed rates (3-13) and, after a re-sighting, windows of the path
-across the gap, and offers them to the memory in force (the gap's windows to the memory of the region that was left).
+Every region has a ``RegionMemory``: its motion model, error radius and outlier gate, private to one target or shared by
+several. For each target one ``Learner`` turns its stream of measured poses into integral windows (3-11), regressed
+rates (3-13) and, after a re-sighting, windows of the path across the gap, and offers them to the memory in force (the
+gap's windows to the memory of the region that was left).
 """
 
 from __future__ import annotations
@@ -108,7 +109,12 @@ class OutlierGate:
 
 
 class RegionMemory:
-    """Everything kept of one region while the target is elsewhere."""
+    """Everything kept of one region while the target is elsewhere.
+
+    Several targets' estimators may hold one memory. Its weights then follow one law with the feedback of every target
+    in view, ``W_hat' = proj(Gamma sum_m sigma_m (G^T eta_til_m)^T + kCL Gamma (Q - Psi W_hat))``: who comes first at an
+    instant takes the step, the others add their feedback to it. ``advanced_s`` is up to when it has been taken.
+    """
 
     def __init__(self, settings: EstimatorSettings, kernels: int, dt_s: float) -> None:
         self._alpha = settings.alpha
@@ -118,9 +124,25 @@ class RegionMemory:
         self.model = MotionModel(settings, kernels, dt_s)
         self.radius = ErrorRadius()
         self.gate = OutlierGate(settings.stack.outlier_gate)
-        self.last_in_force_s = 0.0
+        self.advanced_s = 0.0
+        self._owed_s = 0.0
         self._checked_s = -math.inf
         self._lambda_min, self._lambda_min_visited = 0.0, 0.0
+
+    def take_up(self, t_s: float) -> None:
+        """Bring the weights up to ``t_s`` on the stack alone, if nobody has: the law runs on while not in force."""
+        if t_s > self.advanced_s:
+            self.model.settle(t_s - self.advanced_s)
+            self.advanced_s = t_s
+        self._owed_s = 0.0
+
+    def due_steps(self, t_s: float, dt_s: float) -> int:
+        """Count the nominal weight steps of ``dt_s`` that have fallen due up to ``t_s``; they count as taken."""
+        self._owed_s += max(0.0, t_s - self.advanced_s)
+        self.advanced_s = max(t_s, self.advanced_s)
+        steps = int(self._owed_s / dt_s + 0.5)
+        self._owed_s -= steps * dt_s
+        return steps
 
     def learn(self, t_s: float, row: Array, increment: Array) -> None:
         """Offer a measured window to the stack if the gate lets it; after a change, what it contradicts goes first."""

@@ -2,7 +2,8 @@
 
 Every region j has its own weights W_j and history stack: they are kept while the target is elsewhere and go on when it
 returns. When the target leaves O_j the predictor runs on with W_j, and the path across the gap, once the target has
-been found again, is learned into stack j: the next time the target leaves O_j, the gap is known.
+been found again, is learned into stack j: the next time the target leaves O_j, the gap is known. Estimators of several
+targets may hold the same memories (``shared_memories``): what one of them shows, all know.
 
 The state is held in the world frame by default: then f = 0 and a camera's own velocity, with its noise, enters nowhere;
 the velocities to be learned are functions of the world pose; nothing jumps when another camera takes over. The relative
@@ -18,6 +19,7 @@ visit; the laws of regions that are not in force run on in one go at the next vi
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -36,10 +38,21 @@ from camnet.estimation.settings import EstimatorSettings
 from camnet.geometry.rotations_compiled import align_sign
 from camnet.types import Array, CameraMotion, PoseMeasurement, TargetEstimate
 
-__all__ = ["LearningEstimator"]
+__all__ = ["LearningEstimator", "shared_memories"]
 
 #: longest step of the predictor's integration, s; a rollout may take four times as long ones
 MAX_STEP_S = 0.05
+
+
+def shared_memories(
+    settings: EstimatorSettings, basis: RbfBasis, n_regions: int, rate_hz: float
+) -> list[RegionMemory]:
+    """Fresh memories of all regions, to be given to the estimators of several targets.
+
+    Targets must then be advanced in a fixed order: at one instant the first one's windows are offered first.
+    """
+    count = 1 if settings.share else n_regions
+    return [RegionMemory(settings, basis.size, 1.0 / rate_hz) for _ in range(count)]
 
 
 class LearningEstimator:
@@ -53,6 +66,7 @@ class LearningEstimator:
     rate_hz : sensing rate
     tracking_bounds : (2, 3) lowest and highest position of the tracking space, m; predictions are projected onto it
     name : shown in results
+    memories : of all regions, shared with other targets' estimators; None: private ones
     """
 
     def __init__(
@@ -63,6 +77,7 @@ class LearningEstimator:
         rate_hz: float,
         tracking_bounds: Array,
         name: str = "learned",
+        memories: Sequence[RegionMemory] | None = None,
     ) -> None:
         bounds = np.array(tracking_bounds, dtype=float)
         if bounds.shape != (2, 3) or not (bounds[0] < bounds[1]).all():
@@ -86,8 +101,8 @@ class LearningEstimator:
         self._relative = settings.frame == "relative"
         self._switch = SWITCHING[settings.switching]
         self._n_regions = n_regions
-        count = 1 if settings.share else n_regions
-        self._memories = [RegionMemory(settings, basis.size, self._dt) for _ in range(count)]
+        private = shared_memories(settings, basis, n_regions, rate_hz) if memories is None else memories
+        self._memories = _checked(private, 1 if settings.share else n_regions, basis.size)
         self._memory = self._memories[0]
         self._learner = Learner(settings, basis, self._dt)
         self._region = -1
@@ -100,7 +115,6 @@ class LearningEstimator:
         self._twist = np.zeros(6)
         self._sigma = np.zeros(basis.size)
         self._error = np.zeros(COLUMNS)
-        self._owed = 0.0
         self._estimate: TargetEstimate | None = None
         self._exit: EndState | None = None
         self._camera: tuple[int, CameraMotion] | None = None
@@ -205,6 +219,7 @@ class LearningEstimator:
         if self._region < 0 or t - self._last_seen > LOST_PERIODS * self._dt or memory is not self._memory:
             if self._region < 0:
                 self._p, self._q, self._t = p.copy(), q.copy(), t
+                memory.take_up(t)
             else:
                 self._resight(t, p, q, memory)
             basis = self._basis
@@ -254,10 +269,7 @@ class LearningEstimator:
             self._memory.radius.crossed(math.sqrt(float(miss @ miss)), t - self._last_seen)
             if self._settings.gap.learn_across and self._exit is not None:
                 self._learner.bridge(self._memory, self._exit, t)
-        if memory is not self._memory:
-            self._memory.last_in_force_s = t
-            memory.model.settle(t - memory.last_in_force_s)
-        self._owed = 0.0
+        memory.take_up(t)
         if self._settings.reset_on_sighting:
             self._p, self._q = p.copy(), align_sign(q, self._q)
 
@@ -286,15 +298,8 @@ class LearningEstimator:
             self._twist,
         )
         self._t = t
-        for _ in range(self._due_steps(duration)):
+        for _ in range(self._memory.due_steps(t, self._dt)):
             self._memory.model.step()
-
-    def _due_steps(self, duration: float) -> int:
-        """Count the nominal weight steps that have fallen due."""
-        self._owed += duration
-        steps = int(self._owed / self._dt + 0.5)
-        self._owed -= steps * self._dt
-        return steps
 
     def _correct_seen(self, t: float, p: Array, q: Array, camera: tuple[int, CameraMotion]) -> None:
         """In view, (3-8), (3-10), (4-16), (4-18): the model's rates at the measured pose, then the feedback."""
@@ -307,11 +312,14 @@ class LearningEstimator:
         else:
             residual = self._world_step(duration, p, q)
         self._memory.radius.seen(residual)
-        for i in range(self._due_steps(duration)):
+        taken = duration > 0.0 and self._memory.advanced_s >= t  # by another target's estimator
+        for i in range(self._memory.due_steps(t, self._dt)):
             if i == 0:
                 model.step(self._sigma, self._error)
             else:
                 model.step()
+        if taken:
+            model.add_feedback(self._sigma, self._error)
 
     def _world_step(self, duration: float, p: Array, q: Array) -> float:
         s = self._settings
@@ -357,3 +365,13 @@ class LearningEstimator:
         self._p[:], self._q[:], self._error[:] = state.p, state.q, state.error
         evaluate(p, q, basis.centres, basis.precision, basis.heading_scale_m, self._sigma)
         return state.residual_m
+
+
+def _checked(memories: Sequence[RegionMemory], count: int, kernels: int) -> list[RegionMemory]:
+    """Return the memories if they are as many as models are needed, over as many kernels."""
+    sizes = {len(memory.model.weights) for memory in memories}
+    if len(memories) != count or sizes != {kernels}:
+        raise ConfigError(
+            f"memories: {len(memories)} over {sorted(sizes)} kernels, expected {count} over {kernels}"
+        )
+    return list(memories)

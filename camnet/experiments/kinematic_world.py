@@ -13,6 +13,7 @@ from camnet.errors import WorldError
 from camnet.motion.protocol import TargetState
 from camnet.types import Array, BoolArray, Snapshot
 from camnet.world.description import WorldDescription
+from camnet.world.foresight import Foresight
 from camnet.world.protocol import CameraCommand
 
 __all__ = ["KinematicWorld"]
@@ -58,7 +59,9 @@ class KinematicWorld:
     def reset(self, rng: np.random.Generator) -> Snapshot:
         """Put the targets at their starts."""
         self._count, self._rng = 0, rng
-        self._states = [t.motion.reset(rng) for t in self._description.targets]
+        motions = [t.motion for t in self._description.targets]
+        self._states = [motion.reset(rng) for motion in motions]
+        self._foresight = Foresight(motions, self._states, [rng] * len(motions), self.control_dt_s)
         return self._snapshot()
 
     def step(self, command: CameraCommand) -> Snapshot:
@@ -70,6 +73,10 @@ class KinematicWorld:
         ]
         self._count += 1
         return self._snapshot()
+
+    def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
+        """True poses of a target at any times."""
+        return self._foresight.poses(target, t_s)
 
     def rays_clear(self, origins: Array, points: Array) -> BoolArray:
         """Nothing blocks."""

@@ -23,9 +23,9 @@ from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.placement import grid_centres
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import BasisSettings, EkfSettings, EstimatorSettings, StackSettings
+from camnet.estimation.ukf import ConstantVelocityUKF
 from camnet.experiments.motion_learning_published import PublishedEstimator, published_basis
 from camnet.experiments.motion_learning_scene import Recording, SceneSettings
-from camnet.experiments.motion_learning_ukf import ConstantVelocityUKF
 from camnet.geometry.rotations import angle_between
 from camnet.types import Array, BoolArray, Twist
 

@@ -14,11 +14,22 @@ __all__ = ["CAMERA_COLOURS", "FILTER_COLOURS", "FILTER_LABELS", "UNSEEN", "figur
 
 #: colour-blind safe, in the order of the cameras (repeated when there are more)
 CAMERA_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7500", "#6a3d9a")
-FILTER_COLOURS = {"learned": "#c1121f", "ekf": "#3a5ba0", "ideal": "#2a9d5c", "printed": "#9a7d0a"}
+FILTER_COLOURS = {
+    "learned": "#c1121f",
+    "learned_shared": "#e76f51",
+    "ekf": "#3a5ba0",
+    "ukf": "#7fa6d6",
+    "ideal": "#2a9d5c",
+    "oracle": "#222222",
+    "printed": "#9a7d0a",
+}
 FILTER_LABELS = {
     "learned": "learned",
+    "learned_shared": "learned, shared by all targets",
     "ekf": "EKF, constant velocity",
+    "ukf": "UKF, constant velocity",
     "ideal": "ideal predictor",
+    "oracle": "oracle (true future)",
     "printed": "learned, as printed (no gap remedies)",
 }
 #: shading of the time during which no camera sees the target

@@ -3,26 +3,70 @@
 | name | what |
 | --- | --- |
 | `learned` | learning estimator with the remedies of the gap problem |
-| `printed` | the same without them: the predictor as printed in harris2020, (3-7), (4-17) |
-| `ekf` | constant-velocity extended Kalman filter |
+| `learned_shared` | the same; all targets' estimators have one memory, so that each learns from all |
+| `printed` | `learned` without the remedies: the predictor as printed in harris2020, (3-7), (4-17) |
+| `ekf`, `ukf` | constant-velocity extended and unscented Kalman filters |
 | `ideal` | the target's true velocities in place of the network |
+| `oracle` | the truth now and to come |
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
+from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.ekf import ConstantVelocityEKF
 from camnet.estimation.ideal import IdealPredictor
-from camnet.estimation.learning_estimator import LearningEstimator
+from camnet.estimation.learner import RegionMemory
+from camnet.estimation.learning_estimator import LearningEstimator, shared_memories
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import EstimatorSettings, GapSettings
-from camnet.types import Array, Twist
+from camnet.estimation.ukf import ConstantVelocityUKF
+from camnet.simulation.oracle import Oracle
+from camnet.types import Array, Pose, Twist
 
-__all__ = ["FILTERS", "build_filter"]
+__all__ = ["FILTERS", "SHARED", "TargetTruth", "build_filter", "build_filters"]
 
-FILTERS = ("learned", "printed", "ekf", "ideal")
+FILTERS = ("learned", "learned_shared", "printed", "ekf", "ukf", "ideal", "oracle")
+#: filters whose targets learn from each other
+SHARED = ("learned_shared",)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TargetTruth:
+    """The truth of one target, for the rows that are told it.
+
+    Attributes
+    ----------
+    twist : time in s to the velocity then; asked for the present alone
+    pose : the present pose
+    future : times (K,), s, to poses (K, 3), (K, 4)
+    """
+
+    twist: Callable[[float], Twist]
+    pose: Callable[[], Pose] | None = None
+    future: Callable[[Array], tuple[Array, Array]] | None = None
+
+
+def build_filters(
+    name: str,
+    settings: EstimatorSettings,
+    basis: RbfBasis,
+    n_regions: int,
+    rate_hz: float,
+    bounds: Array,
+    truths: Sequence[TargetTruth],
+) -> list[TargetFilter]:
+    """Build the estimators ``name`` of all targets, in the targets' order; they have to be advanced in that order.
+
+    Parameters are those of `build_filter`; ``truths`` has one entry a target.
+    """
+    common = shared_memories(settings, basis, n_regions, rate_hz) if name in SHARED else None
+    return [
+        build_filter(name, settings, basis, n_regions, rate_hz, bounds, truth, common) for truth in truths
+    ]
 
 
 def build_filter(
@@ -32,7 +76,8 @@ def build_filter(
     n_regions: int,
     rate_hz: float,
     bounds: Array,
-    true_twist: Callable[[float], Twist],
+    truth: TargetTruth,
+    memories: Sequence[RegionMemory] | None = None,
 ) -> TargetFilter:
     """Build one estimator of one target.
 
@@ -42,13 +87,27 @@ def build_filter(
     n_regions : number of regions, each with its own model
     rate_hz : sensing rate
     bounds : (2, 3) corners of the tracking space, m
-    true_twist : the truth at a time, for the ideal predictor alone
+    truth : for the ideal predictor and the oracle alone
+    memories : in common with other targets, for the filters in `SHARED`
+
+    Raises
+    ------
+    ConfigError
+        The name is none of `FILTERS`, or the world cannot tell the future that an oracle needs.
     """
     if name == "ekf":
         return ConstantVelocityEKF(settings.ekf, rate_hz)
+    if name == "ukf":
+        return ConstantVelocityUKF(settings.ekf, rate_hz)
     if name == "ideal":
-        return IdealPredictor(true_twist, settings, rate_hz)
+        return IdealPredictor(truth.twist, settings, rate_hz)
+    if name == "oracle":
+        if truth.pose is None or truth.future is None:
+            raise ConfigError("estimator 'oracle': this world cannot tell its targets' future")
+        return Oracle(truth.pose, truth.twist, truth.future, rate_hz)
     if name == "printed":
         bare = GapSettings(prior="none", learn_across=False)
         settings = settings.model_copy(update={"gap": bare, "leakage": 0.0})
-    return LearningEstimator(settings, basis, n_regions, rate_hz, bounds, name)
+    elif name not in ("learned", "learned_shared"):
+        raise ConfigError(f"estimator {name!r}: expected one of {', '.join(FILTERS)}")
+    return LearningEstimator(settings, basis, n_regions, rate_hz, bounds, name, memories)

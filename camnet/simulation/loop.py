@@ -24,13 +24,13 @@ from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.visibility import VisibilityTest
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
-from camnet.simulation.filters import build_filter
+from camnet.simulation.filters import TargetTruth, build_filters
 from camnet.simulation.gaps import GapRecorder
 from camnet.simulation.handoff import HandoffTracker
 from camnet.simulation.network import Network
 from camnet.simulation.statistics import RunStatistics
-from camnet.types import Array, BoolArray, PoseMeasurement, Snapshot, Twist
-from camnet.world.protocol import CameraCommand, World
+from camnet.types import Array, BoolArray, Pose, PoseMeasurement, Snapshot, Twist
+from camnet.world.protocol import CameraCommand, Foresees, World
 
 __all__ = ["NetworkSimulation", "Setpoints"]
 
@@ -89,7 +89,7 @@ class NetworkSimulation:
         self._sensor = PoseSensor(scenario.sensing, network.n_targets, len(network.cameras))
         self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
         self.filters: dict[str, list[TargetFilter]] = {
-            name: [self._filter(name, m) for m in range(network.n_targets)] for name in self.filter_names
+            name: self._build_filters(name) for name in self.filter_names
         }
         self.trackers = [HandoffTracker(m, scenario.handoff.grace_s) for m in range(network.n_targets)]
         handoff = scenario.handoff
@@ -107,21 +107,31 @@ class NetworkSimulation:
         self.statistics = RunStatistics(self, self._certificates)
         self._sense()
 
-    def _filter(self, name: str, m: int) -> TargetFilter:
+    def _build_filters(self, name: str) -> list[TargetFilter]:
         network, scenario = self.network, self.network.scenario
-
-        def true_twist(t_s: float) -> Twist:
-            return Twist(self.snapshot.target_v_world[m], self.snapshot.target_w_body[m])
-
-        return build_filter(
+        return build_filters(
             name,
             scenario.estimator,
             network.basis,
             len(network.regions),
             scenario.sensing.rate_hz,
             network.bounds,
-            true_twist,
+            [self._truth(m) for m in range(network.n_targets)],
         )
+
+    def _truth(self, m: int) -> TargetTruth:
+        """Return what the rows that are told the truth of target ``m`` may ask for."""
+        world = self.world
+
+        def twist(t_s: float) -> Twist:
+            return Twist(self.snapshot.target_v_world[m], self.snapshot.target_w_body[m])
+
+        def pose() -> Pose:
+            return Pose(self.snapshot.target_p_world[m], self.snapshot.target_q_world[m])
+
+        if not isinstance(world, Foresees):
+            return TargetTruth(twist)
+        return TargetTruth(twist, pose, lambda t_s: world.foresee(m, t_s))
 
     @property
     def driving(self) -> list[TargetFilter]:

@@ -10,14 +10,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from camnet.types import Array, BoolArray, Snapshot
 
-__all__ = ["CameraCommand", "World"]
+__all__ = ["CameraCommand", "Foresees", "World"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -100,4 +100,13 @@ class World(Protocol):
 
     def close(self) -> None:
         """Free the engine; the world cannot be used afterwards."""
+        ...
+
+
+@runtime_checkable
+class Foresees(Protocol):
+    """A world that can tell its targets' true future, for upper bounds."""
+
+    def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
+        """Poses (K, 3), (K, 4) that a target will have at times (K,), or had, since the last reset."""
         ...

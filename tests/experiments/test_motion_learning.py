@@ -14,6 +14,7 @@ from camnet.errors import ConfigError
 from camnet.estimation.ekf import ConstantVelocityEKF
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import EkfSettings
+from camnet.estimation.ukf import ConstantVelocityUKF
 from camnet.experiments.motion_learning import interval, print_table, run
 from camnet.experiments.motion_learning_published import PublishedEstimator, published_basis
 from camnet.experiments.motion_learning_rows import ROWS, Trace, build_rows, follow, score
@@ -25,7 +26,6 @@ from camnet.experiments.motion_learning_scene import (
     draw_schedule,
     record,
 )
-from camnet.experiments.motion_learning_ukf import ConstantVelocityUKF
 from camnet.geometry import rotations
 from camnet.motion.factory import build_motion
 from camnet.motion.settings import TargetSettings, VectorFieldTarget

@@ -13,6 +13,7 @@ from camnet.errors import SimulationError, WorldError
 from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
 from camnet.types import Array, BoolArray, Snapshot
 from camnet.world.description import WorldDescription
+from camnet.world.foresight import Foresight
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
 from camnet.world.pybullet.flight import Flight
@@ -73,6 +74,8 @@ class PyBulletWorld:
         motions = (t.motion for t in self.description.targets)
         self._targets: list[TargetState] = [m.reset(g) for m, g in zip(motions, target_rngs, strict=True)]
         self._step, self._t_s = 0, 0.0
+        laws = [t.motion for t in self.description.targets]
+        self._foresight = Foresight(laws, self._targets, target_rngs, self.control_dt_s)
         if self._is_kinematic:
             camera_q = multiply(self._body_q, STRAIGHT_DOWN).reshape(-1, 4)
             start = (self._start_p, self._body_q, self._camera_p, camera_q, air_rng)
@@ -93,6 +96,11 @@ class PyBulletWorld:
         self._t_s = self._step / self.description.physics.step_hz
         self._check_state(actuation.bodies)
         return self._observe(tuple(sorted(touched)))
+
+    def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
+        """True poses of a target at any times; see the protocol."""
+        self._current()
+        return self._foresight.poses(target, t_s)
 
     def _check_open(self) -> None:
         if self._engine.client < 0:

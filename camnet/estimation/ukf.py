@@ -101,7 +101,7 @@ class ConstantVelocityUKF:
         self._q, self._w = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
         self._cov = np.diag([settings.orientation_noise_rad**2] * 3 + [_START_RATE_RADPS**2] * 3)
         self._t = self._last_seen = -math.inf
-        self._seen = False
+        self._seen, self._region = False, -1
 
     @property
     def estimate(self) -> TargetEstimate:
@@ -117,7 +117,7 @@ class ConstantVelocityUKF:
             self._w.copy(),
             self._seen,
             self._last_seen,
-            0 if started else -1,
+            self._region,
             3.0 * math.sqrt(worst) if started else math.inf,
         )
 
@@ -131,7 +131,7 @@ class ConstantVelocityUKF:
             self._q = q
         self._position.update(p[None], self._r_p)
         self._t = self._last_seen = measurement.t_s
-        self._seen = True
+        self._seen, self._region = True, region
 
     def predict(self, t_s: float) -> None:
         """See ``TargetFilter.predict``: one step a sensing period."""
