@@ -2,9 +2,13 @@
 
 | mode | space | meaning |
 | --- | --- | --- |
-| `setpoint` | Box(5) in [-1, 1] | position in the own region (0: its centre, +-1: its faces less the margin), gaze (pan, tilt) over `gaze_max_rad`; sliding-mode control flies there |
-| `velocity` | Box(6) in [-1, 1] | velocity over `reference_v_max_mps` and angular velocity of the camera over `reference_w_max_radps`, both along world axes; the built-in controller is out of the loop |
-| `assign` | Discrete(2M + 2) | 0..M-1 track target m, M..2M-1 wait at its predicted entry, 2M loiter, 2M + 1 hold; everything below is built in |
+| `setpoint` | Box(5) in [-1, 1] | position in the own region, gaze (pan, tilt) over `gaze_max_rad` |
+| `velocity` | Box(6) in [-1, 1] | velocity over `reference_v_max_mps`, angular velocity over `reference_w_max_radps` |
+| `assign` | Discrete(2M + 2) | 0..M-1 track target m, M..2M-1 wait at its predicted entry, 2M loiter, 2M + 1 hold |
+
+A position is 0 at the region's centre and +-1 at its faces less the margin, axis by axis; sliding-mode control flies
+there. Velocities are the camera's, along world axes, and the built-in controller is out of the loop. An assignment
+leaves everything below it to the built-in system.
 
 Containment. In `setpoint` and `assign` the references never leave the region. In `velocity` the command is guarded so
 that the camera stays in its region (`camnet.env.velocity`) unless ``region_guard=False``: then leaving is possible, and
@@ -62,7 +66,7 @@ class ActionMode(Protocol):
         ...
 
     def encode(self, simulation: NetworkSimulation, j: int, task: Task, setpoint: Setpoint) -> Any:  # noqa: ANN401
-        """Action of agent ``j`` that comes nearest to a task of the built-in system and its setpoint."""
+        """Return the action of agent ``j`` that comes nearest to a task of the built-in system and its setpoint."""
         ...
 
 
@@ -110,7 +114,7 @@ class _Mode:
         """Actions (N, width) clipped to [-1, 1], zero where there is none, and who gave one."""
         given = np.array([name in actions for name in self._names])
         flat = np.zeros((len(self._names), width))
-        for j in np.flatnonzero(given):
+        for j in np.flatnonzero(given).tolist():
             action = np.asarray(actions[self._names[j]], dtype=float).reshape(-1)
             if action.shape != (width,) or not np.isfinite(action).all():
                 raise ConfigError(
@@ -184,7 +188,7 @@ class VelocityMode(_Mode):
         simulation.advance_commanded(self._pilot)
 
     def _towards(self, simulation: NetworkSimulation, j: int, p_world: Array, gaze: Array) -> Array:
-        """Action (6,) that leads agent ``j`` to a position and a gaze."""
+        """Return the action (6,) that leads agent ``j`` to a position and a gaze."""
         now, controller = simulation.snapshot, self._controller
         v = limit_share(_GAIN_PER_S * (p_world - now.camera_p_world[j]) / controller.reference_v_max_mps)
         axis = rotate(now.camera_q_world[j], _FORWARD)

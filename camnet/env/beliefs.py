@@ -69,7 +69,7 @@ class Beliefs:
 
 
 def shared_beliefs(simulation: NetworkSimulation, communication_range_m: float) -> Beliefs:
-    """What all agents believe while messages arrive at once: the driving estimates, and everybody in range."""
+    """Return what all agents believe while messages arrive at once: the driving estimates, and everybody in range."""
     n, m = simulation.network.n_agents, simulation.network.n_targets
     estimates = [f.estimate for f in simulation.driving]
     seen = simulation.visible.any(axis=0)
@@ -102,7 +102,7 @@ def _everybody(values: list[Array] | list[float], n: int) -> Array:
 
 
 def tasks(simulation: NetworkSimulation, beliefs: Beliefs) -> list[Task]:
-    """What the handoff rule of the built-in system asks of every agent, each deciding on its own beliefs."""
+    """Apply the handoff rule of the built-in system: every agent decides on its own beliefs."""
     network = simulation.network
     chosen = []
     for j in range(network.n_agents):

@@ -2,13 +2,14 @@
 
 | option | meaning | default |
 | --- | --- | --- |
-| `target_speed_scale` | factor on the targets' speeds; above 1 it also raises their bounds (and so the unit in which observations show their velocities) | 1 |
-| `target_start` | "random": drawn along the path; a share in [0, 1) of the way along it, or one share per target | the world's |
+| `target_speed_scale` | factor on the targets' speeds | 1 |
+| `target_start` | "random": drawn along the path; or a share (0 to 1) of the way along it, one or one each | world's |
 | `noise_scale` | factor on the noise of the pose sensors | 1 |
-| `max_cycles` | length of the episode in decisions | the environment's |
-| `message_delay_s`, `message_loss` | see `camnet.env.messages` | the environment's |
-| `failure_rate_per_s` | hazard of each agent | the environment's |
+| `max_cycles` | length of the episode in decisions | environment's |
+| `message_delay_s`, `message_loss` | see `camnet.env.messages` | environment's |
+| `failure_rate_per_s` | hazard of each agent | environment's |
 
+A speed scale above 1 raises the targets' bounds too, and with them the unit in which observations show velocities.
 They hold for one episode. The key ``options`` is ignored: PettingZoo's API test passes it to every environment.
 """
 

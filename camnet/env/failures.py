@@ -40,13 +40,18 @@ class Failures:
         self._alive: BoolArray = np.ones(len(names), dtype=bool)
         self._rng = np.random.default_rng(0)
 
+    @property
+    def possible(self) -> bool:
+        """Whether anybody can fail at all."""
+        return self._probability > 0.0 or bool(np.isfinite(self._at_s).any())
+
     def reset(self, rng: np.random.Generator) -> None:
         """Repair everybody; ``rng`` draws the failures of the next episode."""
         self._alive[:] = True
         self._rng = rng
 
     def draw(self, t_s: float) -> BoolArray:
-        """Which agents (N,) still work at ``t_s``, after one more decision; as many draws whoever still does."""
+        """Return which agents (N,) still work at ``t_s``, after one more decision; as many draws whoever still does."""
         struck = self._rng.random(len(self._alive)) < self._probability
         self._alive &= ~struck & (t_s + 1e-9 < self._at_s)
         return self._alive.copy()

@@ -4,9 +4,12 @@
 >>> env = handoff_v0.parallel_env(world="quickstart")
 >>> observations, infos = env.reset(seed=1)
 
-Agents are the mobile cameras, one per operating region. An action is a setpoint in [-1, 1]^5: position in the
-own region (3; 0 is its centre, +-1 its faces less the safety margin) and gaze (pan, tilt). The sliding-mode
-controller flies it. Observations are described field by field in `camnet.env.layout`.
+Agents are the mobile cameras, one per operating region; fixed cameras are part of the world. What an action is:
+`camnet.env.actions`. Observations field by field: `camnet.env.layout`. Rewards and their bound:
+`camnet.env.settings`. Late and lost messages: `camnet.env.messages`. Options of ``reset``: `camnet.env.curriculum`.
+
+An agent that fails is terminated at that step and gone from then on; the episode goes on while anybody works. It ends
+for all when bodies collide or a target is lost for too long (if so set), and is truncated at ``max_cycles``.
 """
 
 from __future__ import annotations
@@ -24,7 +27,12 @@ from pettingzoo.utils.conversions import parallel_to_aec
 
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
-from camnet.env.layout import Observation
+from camnet.env.actions import SetpointMode, action_mode
+from camnet.env.beliefs import Beliefs, shared_beliefs
+from camnet.env.curriculum import changed_scenario, changed_settings, read_options
+from camnet.env.encode import BeliefEncoder
+from camnet.env.failures import Failures
+from camnet.env.messages import Messages, messages_are_perfect
 from camnet.env.observe import Observer
 from camnet.env.rewards import SharedReward
 from camnet.env.settings import EnvSettings
@@ -36,7 +44,8 @@ from camnet.simulation.run import open_simulation
 
 __all__ = ["HandoffEnv", "env", "parallel_env", "raw_env"]
 
-Action = NDArray[np.float32]
+Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
+Action = Any
 
 
 class HandoffEnv(ParallelEnv[str, Observation, Action]):
@@ -79,39 +88,88 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self.settings = _env_settings(settings, options)
         self.max_cycles = self.settings.max_cycles
         self.render_mode = render_mode
-        self.simulation = open_simulation(scenario, scenario.seed, (filter_name,))
-        self.observer = Observer(self.simulation, self.settings)
-        self._state = StateEncoder(self.simulation)
-        self._painter: MapPainter | None = None
-        self._seed = scenario.seed
         self.possible_agents = [agent.name for agent in scenario.agents]
         self.agents: list[str] = []
-        self.observation_spaces = {name: self.observer.layout.space() for name in self.possible_agents}
-        self.action_spaces = {
-            name: spaces.Box(-1.0, 1.0, (5,), dtype=np.float32) for name in self.possible_agents
+        self._scenario, self._filter_name = scenario, filter_name
+        self._seed = scenario.seed
+        self._painter: MapPainter | None = None
+        self._open(scenario)
+        layout = self.observer.layout
+        dictionary = self.settings.observation_form == "dict"
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {
+            name: layout.dict_space() if dictionary else layout.space() for name in self.possible_agents
         }
+        self.action_spaces = {name: self._mode.space() for name in self.possible_agents}
         self.state_space = self._state.space()
 
-    def observation_space(self, agent: str) -> spaces.Box:
+    def _open(self, scenario: Scenario) -> None:
+        """Build the simulation of a scenario and everything that looks at it."""
+        self.simulation = open_simulation(scenario, scenario.seed, (self._filter_name,))
+        self.observer = Observer(self.simulation, self.settings)
+        self._state = StateEncoder(self.simulation)
+        self._mode = action_mode(self.simulation, self.settings, self.possible_agents)
+        self._encoder = BeliefEncoder(self.simulation.network, self.observer.layout)
+        self._failures = Failures(self.settings.failures, self.possible_agents, self._dt_s)
+
+    @property
+    def _dt_s(self) -> float:
+        return 1.0 / self.simulation.network.scenario.run.decision_hz
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Space of one agent's observations (the same object every time)."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> spaces.Box:
+    def action_space(self, agent: str) -> spaces.Space[Any]:
         """Space of one agent's actions (the same object every time)."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Start an episode; without a seed the next one of the sequence is taken."""
-        self._seed = self._seed + 1 if seed is None else seed
+        """Start an episode; without a seed the next one of the sequence is taken.
+
+        Raises
+        ------
+        ConfigError
+            An option that is unknown or out of range; `camnet.env.curriculum` lists them.
+        """
+        self._seed = self._seed + 1 if seed is None else _checked_seed(seed)
+        chosen = read_options(options)
+        scenario, settings = changed_scenario(self._scenario, chosen), changed_settings(self.settings, chosen)
+        if scenario != self.simulation.network.scenario:
+            self.simulation.world.close()
+            self._open(scenario)
+        self._last_cycle = self.max_cycles if chosen.max_cycles is None else chosen.max_cycles
         self.simulation.reset(self._seed)
+        self._mode.reset()
+        self._start_episode(settings)
         self.agents = list(self.possible_agents)
         self._cycle = 0
-        self._reward = SharedReward(
-            self.settings.reward, 1.0 / self.simulation.network.scenario.run.decision_hz
+        self._reward = SharedReward(self.settings.reward, self._dt_s)
+        return self._observations(), {name: self._info(name) for name in self.agents}
+
+    def _start_episode(self, settings: EnvSettings) -> None:
+        """Set up messages and failures; both draw from generators of their own."""
+        message_rng, failure_rng = (
+            np.random.default_rng(child) for child in np.random.SeedSequence([self._seed, 1]).spawn(2)
         )
-        return self._observations(), {name: {} for name in self.agents}
+        self._failures = Failures(settings.failures, self.possible_agents, self._dt_s)
+        self._failures.reset(failure_rng)
+        perfect = messages_are_perfect(self.simulation.network, settings) and not self._failures.possible
+        self._messages = None if perfect else Messages(self.simulation, settings, message_rng)
+        self._beliefs = self._exchanged()
+
+    def _exchanged(self) -> Beliefs | None:
+        """Return what everybody believes now; None where all share one belief and nothing but observations needs it."""
+        if self._messages is not None:
+            return self._messages.exchange(self.simulation)
+        return self.beliefs() if self.settings.action_mode == "assign" else None
+
+    def beliefs(self) -> Beliefs:
+        """Return what every agent believes now."""
+        if self._messages is not None and self._beliefs is not None:
+            return self._beliefs
+        return shared_beliefs(self.simulation, self.settings.communication_range_m)
 
     def step(
         self, actions: dict[str, Action]
@@ -131,38 +189,43 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         """
         if not self.agents:
             return {}, {}, {}, {}, {}
-        self.simulation.advance(self.setpoints(actions))
+        names = self.agents
+        self._mode.fly(self.simulation, self._given(actions), self._beliefs)
         self._cycle += 1
         reward = self._reward(self.simulation)
-        terminated = self._terminated()
-        truncated = self._cycle >= self.max_cycles and not terminated
-        observations, names = self._observations(), self.agents
-        infos = {name: self._info(terminated or truncated) for name in names}
-        if terminated or truncated:
-            self.agents = []
+        failed = self._fail()
+        terminated = self._terminated() or len(failed) == len(names)
+        truncated = self._cycle >= self._last_cycle and not terminated
+        over = terminated or truncated
+        self._beliefs = self._exchanged()
+        observations = self._observations()
+        self.agents = [] if over else [name for name in names if name not in failed]
         return (
             observations,
             dict.fromkeys(names, reward),
-            dict.fromkeys(names, terminated),
-            dict.fromkeys(names, truncated),
-            infos,
+            {name: terminated or name in failed for name in names},
+            {name: truncated and name not in failed for name in names},
+            {name: self._info(name, over, name in failed) for name in names},
         )
 
-    def setpoints(self, actions: dict[str, Action]) -> Setpoints:
-        """Return the setpoints that actions ask for: positions in the world, gaze angles."""
+    def _given(self, actions: dict[str, Action]) -> dict[str, Action]:
+        """Return the actions of all live agents and of nobody else."""
         missing = [name for name in self.agents if name not in actions]
         if missing:
             raise ConfigError(f"actions: none given for {missing}; every live agent needs one")
-        flat = np.array([np.asarray(actions[name], dtype=float).reshape(-1) for name in self.possible_agents])
-        if flat.shape != (len(self.possible_agents), 5) or not np.isfinite(flat).all():
-            raise ConfigError(f"actions = {actions!r}: each must be 5 finite numbers in [-1, 1]")
-        flat = np.clip(flat, -1.0, 1.0)
-        n = len(self.possible_agents)
-        margin = self.simulation.network.scenario.controller.region_margin_m
-        reach = np.maximum(self.observer.half_sizes[:n] - margin, 0.0)
-        return Setpoints(
-            self.observer.centers[:n] + flat[:, :3] * reach, flat[:, 3:] * self.settings.gaze_max_rad
-        )
+        return {name: actions[name] for name in self.agents}
+
+    def _fail(self) -> set[str]:
+        """Let agents fail; return the names of those that failed in this decision."""
+        alive = self._failures.draw(self.simulation.snapshot.t_s)
+        self.simulation.working[: len(alive)] = alive
+        return {name for j, name in enumerate(self.possible_agents) if not alive[j] and name in self.agents}
+
+    def setpoints(self, actions: dict[str, Action]) -> Setpoints:
+        """Return the setpoints that actions of mode ``setpoint`` ask for: positions in the world, gaze angles."""
+        if not isinstance(self._mode, SetpointMode):
+            raise ConfigError(f"action_mode = {self.settings.action_mode!r}: only 'setpoint' has setpoints")
+        return self._mode.setpoints(self.simulation, self._given(actions))
 
     def _terminated(self) -> bool:
         if self.settings.terminate_on_collision and self.simulation.snapshot.collisions:
@@ -176,11 +239,27 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         )
 
     def _observations(self) -> dict[str, Observation]:
-        observations = self.observer.observe(self.simulation, self.simulation.entries())
-        return dict(zip(self.possible_agents, observations, strict=True))
+        """Observations of the agents that were live in this step."""
+        rows = self.observer.observe(self.simulation, self.simulation.entries())
+        if self._messages is not None and self._beliefs is not None:
+            told = np.array(rows)
+            self._encoder.write(told, self._beliefs)
+            rows = list(told)
+        live = zip(self.possible_agents, rows, strict=True)
+        if self.settings.observation_form == "dict":
+            return {name: self.observer.layout.named(row) for name, row in live if name in self.agents}
+        return {name: row for name, row in live if name in self.agents}
 
-    def _info(self, last: bool) -> dict[str, Any]:
-        return {"episode": self.simulation.statistics.episode(self.simulation)} if last else {}
+    def _info(self, name: str, last: bool = False, failed: bool = False) -> dict[str, Any]:
+        info: dict[str, Any] = {}
+        mask = self._mode.mask(self._beliefs, self.possible_agents.index(name))
+        if mask is not None:
+            info["action_mask"] = mask
+        if failed:
+            info["failed"] = True
+        if last:
+            info["episode"] = self.simulation.statistics.episode(self.simulation)
+        return info
 
     def state(self) -> NDArray[np.float32]:
         """Return the true state of the network, for centralised critics; see `camnet.env.state`."""
@@ -216,6 +295,12 @@ def _env_settings(settings: EnvSettings | None, options: dict[str, Any]) -> EnvS
         return EnvSettings.model_validate({**base.model_dump(), **options})
     except ValueError as error:
         raise ConfigError(f"options of the handoff environment: {error}") from error
+
+
+def _checked_seed(seed: int) -> int:
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise ConfigError(f"seed = {seed!r}: a whole number from 0 on was expected")
+    return int(seed)
 
 
 def parallel_env(**options: Any) -> HandoffEnv:  # noqa: ANN401 - parameters of HandoffEnv

@@ -131,7 +131,13 @@ class ObservationLayout:
             flat[self.slices[name]] = value
         return np.clip(flat, self.low, self.high).astype(np.float32)
 
-    def decode(self, observation: NDArray[np.float32]) -> dict[str, Array]:
-        """Named parts of a flat observation, as float64."""
+    def named(self, observation: Observation) -> dict[str, Observation]:
+        """Return the parts of a flat observation by name: the same observation in the form of `dict_space`."""
+        return {name: observation[where].copy() for name, where in self.slices.items()}
+
+    def decode(self, observation: Observation | Mapping[str, Observation]) -> dict[str, Array]:
+        """Named parts of an observation in either form, as float64."""
+        if isinstance(observation, Mapping):
+            return {name: np.asarray(part, dtype=float) for name, part in observation.items()}
         flat = np.asarray(observation, dtype=float)
         return {name: flat[where] for name, where in self.slices.items()}

@@ -131,7 +131,7 @@ class Messages:
         self._peers_sent_s[heard] = post.t_s
 
     def _take(self, news: Beliefs, t_s: float, who: BoolArray) -> None:
-        """Let the agents and targets in ``who`` (N,M) hold ``news`` of ``t_s``, where it is newer than what they have."""
+        """Let the agents and targets in ``who`` (N,M) hold ``news`` of ``t_s`` where it is the newest."""
         who = who & (t_s >= self._sent_s)
         self._sent_s[who] = t_s
         self._p[who], self._v[who], self._q[who] = news.p_world[who], news.v_world[who], news.q_world[who]

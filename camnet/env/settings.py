@@ -38,7 +38,7 @@ class FailureSettings(Settings):
     """
 
     rate_per_s: NonNegative = 0.0
-    schedule_s: dict[str, NonNegative] = {}
+    schedule_s: dict[str, NonNegative] = Field(default_factory=dict)
 
 
 class EnvSettings(Settings):

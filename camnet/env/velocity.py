@@ -7,10 +7,11 @@
 | tau | v_max / a_max, the time of a stop from top speed, s |
 | P(x) | nearest point to x of the region shrunk by the margin |
 
-Guard of the region: ``v = (P(p + tau v) - p) / tau``. For a half-space ``n.x <= b`` that holds the shrunk region, P puts
-``n.(p + tau v) <= b``, hence ``n.v <= (b - n.p) / tau``: the speed towards a face decays with the distance from it at the
-rate 1/tau, which asks for at most v_max / tau = a_max, and a camera outside is led back. In a region that is not convex
-the way to that point may leave it; the speed is then cut so that the point where it leaves is not reached within tau.
+Guard of the region: ``v = (P(p + tau v) - p) / tau``. For a half-space ``n.x <= b`` that holds the shrunk region, P
+puts ``n.(p + tau v) <= b``, hence ``n.v <= (b - n.p) / tau``: the speed towards a face decays with the distance from
+it at the rate 1/tau, which asks for at most v_max / tau = a_max, and a camera outside is led back. In a region that is
+not convex the way to that point may leave it; the speed is then cut so that the point where it leaves is not reached
+within tau.
 """
 
 from __future__ import annotations
