@@ -114,7 +114,7 @@ def _loop_guide(
 def loop_guide_at(
     u: float, x: float, y: float, knots: Array, coefficients: Array, shape: tuple[float, float, float]
 ) -> tuple[float, float, float, float]:
-    """What a loop wants at (x, y), whose nearest point on the curve is at ``u``; shape: attraction, speed, modulation.
+    """Guide of a loop at (x, y), whose nearest point on the curve is at ``u``; shape: attraction, speed, modulation.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def loop_guide_at(
 def wave_guide(
     a: float, b: float, scale: float, speed: float, modulation: float
 ) -> tuple[float, float, float, float]:
-    """What a wave wants at the offset (a, b) from its centre over ``scale``: direction, gradient (2), speed."""
+    """Guide of a wave at the offset (a, b) from its centre over ``scale``: direction, gradient (2), speed."""
     r2 = _WAVE_RADIUS * _WAVE_RADIUS
     radial = 1.0 - (a * a + b * b) / r2
     f = radial * a - b + _WAVE_CORNERS * (a * a - b * b)
