@@ -10,7 +10,7 @@ Rates: physics inside the world, control at ``controller.rate_hz``, sensing at `
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,10 @@ from camnet.simulation.statistics import RunStatistics
 from camnet.types import Array, BoolArray, Pose, PoseMeasurement, Snapshot, Twist
 from camnet.world.protocol import CameraCommand, Foresees, World
 
-__all__ = ["NetworkSimulation", "Setpoints"]
+__all__ = ["FilterMaker", "NetworkSimulation", "Setpoints"]
+
+#: makes one estimator for each target, from the network and what may be known of the targets' truth
+FilterMaker = Callable[[Network, Sequence[TargetTruth]], Sequence[TargetFilter]]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -52,10 +55,19 @@ class NetworkSimulation:
     world : the physics back end
     filters : names of the estimators to run on the same measurements; the first one drives the agents
     seed : fixes the whole run
+    makers : for names that are not in `camnet.simulation.filters.FILTERS` (or stand for something else here)
     """
 
-    def __init__(self, network: Network, world: World, filters: Sequence[str], seed: int) -> None:
+    def __init__(
+        self,
+        network: Network,
+        world: World,
+        filters: Sequence[str],
+        seed: int,
+        makers: Mapping[str, FilterMaker] | None = None,
+    ) -> None:
         scenario = network.scenario
+        self._makers = dict(makers or {})
         self.network, self.world, self.filter_names = network, world, tuple(filters)
         self.control_dt_s = 1.0 / scenario.controller.rate_hz
         self.sense_every = _whole_ratio("sensing", scenario.controller.rate_hz, scenario.sensing.rate_hz)
@@ -109,6 +121,9 @@ class NetworkSimulation:
 
     def _build_filters(self, name: str) -> list[TargetFilter]:
         network, scenario = self.network, self.network.scenario
+        truths = [self._truth(m) for m in range(network.n_targets)]
+        if name in self._makers:
+            return list(self._makers[name](network, truths))
         return build_filters(
             name,
             scenario.estimator,
@@ -116,7 +131,7 @@ class NetworkSimulation:
             len(network.regions),
             scenario.sensing.rate_hz,
             network.bounds,
-            [self._truth(m) for m in range(network.n_targets)],
+            truths,
         )
 
     def _truth(self, m: int) -> TargetTruth:
