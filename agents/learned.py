@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.agents.policy import Action, AgentContext
-from camnet.control.setpoints import Setpoint, intercept, loiter, track
+from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, track
 from camnet.types import Array, TargetEstimate
 
 __all__ = ["Learned"]
@@ -45,7 +45,7 @@ class Learned:
         inside = [
             (m, t)
             for m, t in enumerate(targets)
-            if t["inside"][0] and (t["seen_by_me"][0] or t["radius"][0] <= 1)
+            if t["seen_by_me"][0] or (t["inside"][0] and t["radius"][0] <= 1)
         ]
         if inside:
             m, best = min(inside, key=lambda item: (1 - item[1]["seen_by_me"][0], item[1]["radius"][0]))
@@ -53,8 +53,9 @@ class Learned:
         coming = [(m, t) for m, t in enumerate(targets) if t["coming"][0] and t["entry_radius"][0] <= 1]
         if coming:
             m, best = min(coming, key=lambda item: (-item[1]["coming"][0], item[1]["entry_time"][0]))
-            return self._meet(m, best)
-        return loiter(context.region, context.camera, context.controller)
+            return self._meet(m, best, own_p)
+        goal = loiter(context.region, context.camera, context.controller)
+        return at_ease(goal, own_p, context.controller)
 
     def _estimate(self, m: int, target: dict[str, Array]) -> TargetEstimate:
         context = self._context
@@ -70,9 +71,9 @@ class Learned:
             radius_m=float(target["radius"][0]) * float(context.half_size[:2].min()),
         )
 
-    def _meet(self, m: int, target: dict[str, Array]) -> Setpoint:
+    def _meet(self, m: int, target: dict[str, Array], own_p: Array) -> Setpoint:
         context = self._context
-        return intercept(
+        goal = intercept(
             context.world(target["entry_position"]),
             target["entry_velocity"] * context.speeds[m],
             float(target["entry_radius"][0]) * float(context.half_size[:2].min()),
@@ -80,3 +81,4 @@ class Learned:
             context.camera,
             context.controller,
         )
+        return at_ease(goal, own_p, context.controller, float(target["entry_time"][0]) * context.lookahead_s)

@@ -4,7 +4,6 @@
 | --- | --- | --- |
 | `learned` | track, meet at the predicted entry, loiter | learning estimator, one model a target |
 | `learned_shared` | the same | learning estimator, one model for all targets |
-| `adate` | the same | AdaTE with the power-limited steering model |
 | `ekf` | the same | constant-velocity extended Kalman filter |
 | `oracle` | the same | the truth and the true future: the upper bound |
 | `auction` | the same, each target given to one agent by auction | learning estimator |
@@ -40,7 +39,6 @@ Team = Callable[[Mapping[str, NDArray[np.float32]]], dict[str, Action]]
 _SINGLE: dict[str, Callable[[AgentContext], Policy]] = {
     "learned": Learned,
     "learned_shared": Learned,
-    "adate": Learned,
     "ekf": Learned,
     "oracle": Learned,
     "nearest": Nearest,

@@ -6,6 +6,7 @@ fly there.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -17,8 +18,14 @@ from camnet.geometry.rotations import gaze_angles
 from camnet.geometry.settings import CameraModel
 from camnet.types import Array, TargetEstimate
 
-__all__ = ["Setpoint", "half_angle", "intercept", "loiter", "track", "working_height"]
+__all__ = ["Setpoint", "at_ease", "half_angle", "intercept", "loiter", "track", "working_height"]
 
+#: share of the time until an entry in which the camera gets there; time in which it goes to its waiting place, s
+_PUNCTUAL, _REPOSE_S = 0.5, 15.0
+#: never slower than this on the way, m/s: the last steps would take for ever
+_LEAST_SPEED_MPS = 0.1
+#: speed of climbing or sinking to the working height while the target is in view, m/s
+_CLIMB_MPS = 0.15
 #: how far ahead of a tracked target the camera is sent, s: about the lag of the references
 _LEAD_S = 0.5
 
@@ -87,7 +94,12 @@ def track(
     height = working_height(camera, _view_radius(settings.target_extent_m, estimate.radius_m), settings)
     ahead = estimate.p_world + _LEAD_S * estimate.v_world
     p = _above(ahead, height, region, settings.region_margin_m)
-    return Setpoint(p, _look_from(p if camera_p is None else camera_p, estimate.p_world, settings))
+    if camera_p is None:
+        return Setpoint(p, _look_from(p, estimate.p_world, settings))
+    if estimate.seen:  # the right height can wait while the target is in view
+        step = _CLIMB_MPS / settings.reference_position_gain_per_s
+        p = np.array([p[0], p[1], camera_p[2] + min(max(p[2] - camera_p[2], -step), step)])
+    return Setpoint(p, _look_from(camera_p, estimate.p_world, settings))
 
 
 def loiter(region: Region, camera: CameraModel, settings: ControllerSettings) -> Setpoint:
@@ -118,3 +130,27 @@ def intercept(
     ahead = entry_v * min(max(late_s, 0.0), ball / speed) if speed > 1e-9 else np.zeros(3)
     p = _above(entry_p + ahead, working_height(camera, ball, settings), region, settings.region_margin_m)
     return Setpoint(p, _look_from(p, entry_p + ahead, settings))
+
+
+def at_ease(
+    goal: Setpoint, camera_p: Array, settings: ControllerSettings, within_s: float = math.inf
+) -> Setpoint:
+    """Setpoint on the way to ``goal``, so near that the references go no faster than need be.
+
+    Effort grows with the square of the speed, and a camera that has time gains nothing by haste. References pull
+    towards a setpoint at distance d with speed ``gain d``, so a setpoint ``v / gain`` ahead makes them go at v. The
+    gaze is turned to where it is wanted at once.
+
+    Parameters
+    ----------
+    camera_p : (3,) where the camera is now, m
+    within_s : time until the target enters there (default: nobody is expected, and the camera takes its time)
+    """
+    way = goal.p_world - camera_p
+    distance = math.sqrt(float(way @ way))
+    allowed = _PUNCTUAL * within_s if math.isfinite(within_s) else _REPOSE_S
+    speed = max(distance / max(allowed, 1e-3), _LEAST_SPEED_MPS)
+    step = speed / settings.reference_position_gain_per_s
+    if step >= distance or speed >= 0.5 * settings.reference_v_max_mps:
+        return goal
+    return Setpoint(camera_p + way * (step / distance), goal.gaze)

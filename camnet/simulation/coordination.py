@@ -67,7 +67,8 @@ def _task(
     seen: BoolArray,
     limit: float,
 ) -> Task:
-    present = [m for m in np.flatnonzero(inside).tolist() if seen[m] or estimates[m].radius_m <= limit]
+    # what is seen is inside, though noise may put its estimate beyond the wall
+    present = [m for m in np.flatnonzero(inside | seen).tolist() if seen[m] or estimates[m].radius_m <= limit]
     if present:  # a target in view before one only believed to be there, then the one best known
         m = min(present, key=lambda i: (not seen[i], estimates[i].radius_m))
         return Task(Role.TRACK, m)

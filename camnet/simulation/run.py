@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from camnet.config.models import Scenario
-from camnet.control.setpoints import Setpoint, intercept, loiter, track
+from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, track
 from camnet.simulation.coordination import Role, Task, assign
 from camnet.simulation.handoff import Handoff
 from camnet.simulation.log import RunLog
@@ -127,8 +127,9 @@ def _setpoint(simulation: NetworkSimulation, j: int, task: Task) -> Setpoint:
     if task.role is Role.INTERCEPT and task.entry is not None:
         entry = task.entry
         late_s = now.t_s - entry.t_s
-        return intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, settings, late_s)
-    return loiter(region, camera, settings)
+        goal = intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, settings, late_s)
+        return at_ease(goal, now.camera_p_world[j], settings, max(-late_s, 0.0))
+    return at_ease(loiter(region, camera, settings), now.camera_p_world[j], settings)
 
 
 def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str, Any]:
