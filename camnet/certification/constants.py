@@ -9,11 +9,15 @@ r"""Constants of the Lyapunov analysis, as published and repaired (harris2020, s
 | eps_bar, etadot_max | ``eps_bar``, ``etadot_max`` | 1/s | (3-2), below (3-20) |
 | sup norm(sigma), W_bar | ``sigma_bar``, ``weight_bound`` | -, 1/s | used by ``sound`` only |
 | lambda_min(Psi) | ``lambda_min_psi`` | s^2 or - | (3-19) |
+| s | ``unexcited_norm`` | - | sup norm((I - P) sigma) at the places visited; 0: the whole stack is excited |
 | c1, c2, c3, beta_1, lambda_D, lambda_DT, lambda_G, c_UB | ``Constants`` | | (3-22) to (3-30) |
 
 The repaired constants rest on these assumptions, which are also listed in ``SOUND_ASSUMPTIONS``: the ideal and the
 estimated weights stay in the Frobenius ball of radius W_bar (the outer radius of the smooth projection), and
 Gamma is a multiple of the identity where the projection is Euclidean.
+
+A target that keeps to roads excites a part P of the weights only. The excited rates then hold for V_P, which counts
+P W_til in place of W_til, with 2 W_bar s added to the residual's speed (docs/theory.md, section 3).
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ __all__ = [
     "EstimatorBounds",
     "lattice_sigma_bar",
     "published",
+    "residue_per_speed",
     "sound",
     "switching_residue",
 ]
@@ -44,6 +49,8 @@ SOUND_ASSUMPTIONS: tuple[str, ...] = (
     "|sigma| <= sigma_bar everywhere; every window of the history stack is at most Dt long and was measured",
     "measurements are exact and continuous while the target is seen; camera poses are known",
     "the switching gain exceeds eps_bar",
+    "excited cases, where only a part of the weights is excited: regressors lie in that part up to s, the stack keeps "
+    "it, and the projection is not at work",
 )
 
 
@@ -65,6 +72,9 @@ class EstimatorBounds:
     weight_bound : radius of the ball that holds the ideal and the estimated weights (Frobenius norm)
     lambda_min_psi : smallest eigenvalue of the history stack once excitation holds
     switching_floor : what the switching term leaves undone, see ``switching_residue``
+    unexcited_norm : s, bound of the basis outside the excited part of the weights; 0 where (3-19) holds in full
+    switching_gain : gain of the switching term, for what it dominates beyond ``eps_bar``; None: just ``eps_bar``
+    floor_per_speed : ``residue_per_speed`` of the switching term, for the part that ``unexcited_norm`` adds
     """
 
     k: float
@@ -80,13 +90,16 @@ class EstimatorBounds:
     weight_bound: float
     lambda_min_psi: float
     switching_floor: float = 0.0
+    unexcited_norm: float = 0.0
+    switching_gain: float | None = None
+    floor_per_speed: float = 0.0
 
     def __post_init__(self) -> None:
         _check_positive(
             self,
             "k kcl gamma_inv_min gamma_inv_max window_s stack_size etadot_max sigma_bar weight_bound lambda_min_psi",
         )
-        for name in ("eps_bar", "switching_floor"):
+        for name in ("eps_bar", "switching_floor", "unexcited_norm", "floor_per_speed"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise CertificateError(f"{name} = {value!r}: a finite number >= 0 is needed")
@@ -97,6 +110,17 @@ class EstimatorBounds:
                 f"gamma_inv_min = {self.gamma_inv_min!r} exceeds gamma_inv_max = {self.gamma_inv_max!r}: "
                 "give the smallest eigenvalue first"
             )
+
+    @property
+    def unexcited_speed(self) -> float:
+        """Bound of |W_til^T (I - P) sigma|, 1/s: what the unexcited weights add to the residual."""
+        return 2.0 * self.weight_bound * self.unexcited_norm
+
+    @property
+    def undominated_speed(self) -> float:
+        """Part of it that the switching term does not dominate, 1/s."""
+        gain = self.eps_bar if self.switching_gain is None else self.switching_gain
+        return max(0.0, self.eps_bar + self.unexcited_speed - gain) if self.unexcited_norm > 0.0 else 0.0
 
 
 def _check_positive(bounds: EstimatorBounds, names: str) -> None:
@@ -144,7 +168,7 @@ def published(bounds: EstimatorBounds, *, mobile: bool = False) -> Constants:
     c2 = 2.0 * b.gamma_inv_max * b.etadot_max**2  # below (3-20)
     factor = 6.0 if mobile else 4.0
     c3 = 0.5 * (factor * b.etadot_max + b.eps_bar) ** 2 + c1  # (3-28), (4-28)
-    return _assemble("published", b, mobile, c1, c1, c2, c3, keep_c3=False)
+    return _assemble("published", b, mobile, c1, c2, c3, keep_c3=False)
 
 
 def sound(bounds: EstimatorBounds, *, mobile: bool = False) -> Constants:
@@ -159,42 +183,47 @@ def sound(bounds: EstimatorBounds, *, mobile: bool = False) -> Constants:
     c1 = 2.0 * b.kcl * b.stack_size * b.weight_bound * b.sigma_bar * b.eps_bar * stack  # (3-22) repaired
     c2 = 2.0 * b.gamma_inv_max * b.weight_bound**2  # below (3-20), |W_til| <= 2 W_bar
     c3 = 0.5 * (4.0 * b.weight_bound * b.sigma_bar + b.eps_bar) ** 2 + c1  # (3-28) repaired
-    return _assemble("sound", b, mobile, c1, c1 + b.switching_floor, c2, c3, keep_c3=True)
+    return _assemble("sound", b, mobile, c1 + b.switching_floor, c2, c3, keep_c3=True)
 
 
 def _assemble(
-    certificate: str,
-    b: EstimatorBounds,
-    mobile: bool,
-    c1: float,
-    c1_seen: float,
-    c2: float,
-    c3: float,
-    *,
-    keep_c3: bool,
+    certificate: str, b: EstimatorBounds, mobile: bool, c1: float, c2: float, c3: float, *, keep_c3: bool
 ) -> Constants:
-    """Join the shared definitions; ``c1_seen`` is c1 plus what the switching term leaves."""
+    """Join the shared definitions; ``c1`` holds what the switching term leaves."""
     gamma1 = min(1.0, b.gamma_inv_min)  # below (3-20)
     gamma2 = max(1.0, b.gamma_inv_max)
     lambda_cl = b.kcl * b.lambda_min_psi  # below (3-25)
-    slowest = min(b.k, lambda_cl)
+    c1_excited, k_excited = _excited_part(b, c1) if keep_c3 else (c1, b.k)
+    slowest = min(k_excited, lambda_cl)
     lambda_g = 1.0 / gamma1  # (3-30)
     return Constants(
         certificate=certificate,
         mobile=mobile,
         gamma1=gamma1,
         gamma2=gamma2,
-        c1=c1_seen,
+        c1=c1,
         c2=c2,
         c3=c3,
-        beta1=c1_seen / (2.0 * b.k) + c2,  # (3-24)
-        c_ub=c1_seen * gamma2 / (2.0 * slowest),  # (3-27)
+        beta1=c1 / (2.0 * b.k) + c2,  # (3-24)
+        c_ub=c1_excited * gamma2 / (2.0 * slowest),  # (3-27)
         lambda_d=2.0 * b.k,  # (3-24)
         lambda_cl=lambda_cl,
         lambda_dt=2.0 * slowest / gamma2,  # (3-26)
         lambda_g=lambda_g,
         growth_offset=c3 / lambda_g if keep_c3 else 0.0,
     )
+
+
+def _excited_part(b: EstimatorBounds, c1: float) -> tuple[float, float]:
+    """Return c1 and k of the excited case where the unexcited weights act as a disturbance.
+
+    With d = eps_bar + 2 W_bar s - K > 0 left by the switching term, d |eta_til| <= k/2 |eta_til|^2 + d^2 / (2 k).
+    """
+    more = b.floor_per_speed * b.unexcited_speed
+    left = b.undominated_speed
+    if left == 0.0:
+        return c1 + more, b.k
+    return c1 + more + left**2 / (2.0 * b.k), 0.5 * b.k
 
 
 def switching_residue(
@@ -224,7 +253,12 @@ def switching_residue(
         raise CertificateError(
             f"switching gain = {switching_gain!r} does not exceed eps_bar = {eps_bar!r}, as (3-22) requires"
         )
-    return _RESIDUE[kind] * boundary_layer * math.sqrt(states) * eps_bar
+    return residue_per_speed(kind, boundary_layer, states) * eps_bar
+
+
+def residue_per_speed(kind: str, boundary_layer: float, states: int = 7) -> float:
+    """Return what a softened switching term leaves of eta_til^T d for each unit of |d|, m."""
+    return _RESIDUE[kind] * boundary_layer * math.sqrt(states)
 
 
 def lattice_sigma_bar(spacing_m: float, width_m: float, dimensions: int = 2) -> float:

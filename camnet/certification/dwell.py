@@ -102,10 +102,18 @@ class DwellBounds:
         -----
         Lemma 3.3 (3-31) for stationary networks, Theorem 4.1 (4-31) for mobile ones.
         """
+        level = self.exit_level(on_s, excited_s, d=d, h=h)
+        return self._ratio(level, "(4-31)" if self.constants.mobile else "(3-31)")
+
+    def exit_level(self, on_s: float, excited_s: float, *, d: bool, h: bool) -> float:
+        """Return the level that V is below when the target is lost; arguments as in ``off_max``."""
+        return self._at_exit(on_s, excited_s, d=d, h=h) if self.constants.mobile else self.v_lo
+
+    def error_bound_m(self, exit_level: float, off_s: float) -> float:
+        """Return the bound of the position error ``off_s`` after the target was lost, sqrt(2 V), m."""
         c = self.constants
-        if not c.mobile:
-            return self._ratio(self.v_lo, "(3-31)")
-        return self._ratio(self._at_exit(on_s, excited_s, d=d, h=h), "(4-31)")
+        grown = (exit_level + c.growth_offset) * math.exp(min(c.lambda_g * off_s, 700.0))
+        return math.sqrt(2.0 * max(grown - c.growth_offset, 0.0))
 
     def _at_exit(self, on_s: float, excited_s: float, *, d: bool, h: bool) -> float:
         """Return the bound of V when feedback is lost, (4-33); ``sound`` may use the first case at any time."""

@@ -6,79 +6,37 @@
 | sigma^d | ``d`` | finite excitation holds, Assumption 4.7 |
 | sigma^h | ``h`` | it held in an earlier visit, Theorem 4.1 |
 | T_j | ``excited_at_s`` | Assumption 4.7 |
+
+``published`` asks for a history stack of full rank, ``sound`` for the part of it that the target's places excite; each
+has its own d and h. A violation of ``sound`` is an error and logged as one the moment it happens: the condition of the
+certificate was met and the error exceeded its level all the same (``broken``), or the target stayed out of view for
+longer than the designer's certificate of the network allows (``overdue``).
 """
 
 from __future__ import annotations
 
+import logging
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from camnet.certification.dwell import DwellBounds, DwellTime
+from camnet.certification.dwell import DwellBounds
+from camnet.certification.intervals import (
+    GapCertificate,
+    Interval,
+    IntervalCheck,
+    OpenInterval,
+    check,
+    exceeds,
+    premise,
+    tally,
+)
 from camnet.errors import CertificateError
 
-__all__ = ["DwellMonitor", "Interval", "IntervalCheck"]
+__all__ = ["DwellMonitor", "GapCertificate", "Interval", "IntervalCheck"]
 
-
-@dataclass(frozen=True, slots=True)
-class IntervalCheck:
-    """What one certificate says of one interval.
-
-    Attributes
-    ----------
-    limit_s : dwell time asked for (shortest in view, longest out of view); None where none exists
-    status : ``met``, ``violated``, ``impossible`` (no dwell time exists) or ``open`` (the run ended first)
-    broken : the condition was met, yet the error exceeded the certified level: a counterexample
-    """
-
-    limit_s: float | None
-    status: str
-    broken: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """One interval in view (``on``) or out of view (``off``).
-
-    Attributes
-    ----------
-    seen : whether it is an interval in view
-    region : region that sees the target, or that saw it last
-    start_s, end_s : its ends, s
-    d, h : switching signals at its end (for an interval out of view: of the interval before)
-    excited_at_s : time at which excitation first held in this visit, s; None if it did not
-    max_error_m : largest position error reported during it, m (0 when none was)
-    published, sound : the two certificates' checks
-    """
-
-    seen: bool
-    region: int
-    start_s: float
-    end_s: float
-    d: bool
-    h: bool
-    excited_at_s: float | None
-    max_error_m: float
-    published: IntervalCheck
-    sound: IntervalCheck
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the interval, s."""
-        return self.end_s - self.start_s
-
-
-@dataclass(slots=True)
-class _Open:
-    """The interval in progress."""
-
-    seen: bool
-    region: int
-    start_s: float
-    h: bool
-    excited_at_s: float | None = None
-    d: bool = False
-    max_error_m: float = 0.0
-    limits: tuple[DwellTime, DwellTime] | None = None
+_LOG = logging.getLogger(__name__)
+#: order of the certificates in pairs
+_NAMES = ("published", "sound")
 
 
 @dataclass(slots=True)
@@ -92,14 +50,21 @@ class DwellMonitor:
     ----------
     n_regions : number of regions (or fixed cameras)
     published, sound : the two certificates' dwell times
+    name : of the target, for messages
+    stated_off_s : longest time out of view by the designer's certificate of the network, s; None: none is stated
     """
 
     n_regions: int
     published: DwellBounds
     sound: DwellBounds
+    name: str = "target"
+    stated_off_s: float | None = None
     intervals: list[Interval] = field(default_factory=list)
-    _open: _Open | None = None
+    violations: int = 0
+    overdue: int = 0
+    _open: OpenInterval | None = None
     _held: list[bool] = field(default_factory=list)
+    _held_fully: list[bool] = field(default_factory=list)
     _armed: list[bool] = field(default_factory=lambda: [True, True])
     _last_s: float = -math.inf
 
@@ -107,8 +72,17 @@ class DwellMonitor:
         if self.n_regions < 1:
             raise CertificateError(f"n_regions = {self.n_regions!r}: at least one region is needed")
         self._held = [False] * self.n_regions
+        self._held_fully = [False] * self.n_regions
 
-    def update(self, t_s: float, region: int, seen: bool, excited: bool, error_m: float = 0.0) -> None:
+    def update(
+        self,
+        t_s: float,
+        region: int,
+        seen: bool,
+        excited: bool,
+        error_m: float = 0.0,
+        fully: bool | None = None,
+    ) -> None:
         """Take one sensing step.
 
         Parameters
@@ -116,8 +90,9 @@ class DwellMonitor:
         t_s : time, s, not decreasing
         region : region whose camera sees the target (or in which it is); -1 outside all regions
         seen : whether feedback is available
-        excited : whether finite excitation holds in the history stack of ``region``
+        excited : whether finite excitation holds at the places visited, in the history stack of ``region``
         error_m : position error of the estimate where the truth is known, m
+        fully : whether that stack is of full rank; None: the same as ``excited``
         """
         self._last_s = t_s
         if seen and region < 0:
@@ -129,12 +104,45 @@ class DwellMonitor:
             current = self._begin_on(t_s, region)
         elif current.seen != seen or (seen and current.region != region):
             current = self._switch(current, t_s, region, seen)
-        if seen and excited and not current.d:
+        if seen:
+            self._excite(current, t_s, region, excited, excited if fully is None else fully)
+        if error_m > current.max_error_m:
+            current.max_error_m = error_m
+        if not current.seen:
+            self._watch(current, t_s)
+
+    def _excite(self, current: OpenInterval, t_s: float, region: int, excited: bool, fully: bool) -> None:
+        if excited and not current.d:
             current.d = True
             current.excited_at_s = t_s
             self._held[region] = True
-        if error_m > current.max_error_m:
-            current.max_error_m = error_m
+        if fully and current.full_at_s is None:
+            current.full_at_s = t_s
+            self._held_fully[region] = True
+
+    def _watch(self, current: OpenInterval, t_s: float) -> None:
+        """Report violations of ``sound`` in a gap when they happen, each once a gap."""
+        off_s = t_s - current.start_s
+        if self.stated_off_s is not None and off_s > self.stated_off_s and not current.overdue:
+            current.overdue = True
+            self.overdue += 1
+            _LOG.error(
+                "%s: out of view since %.2f s, at %.2f s for longer than the %.4g s that the network's certificate "
+                "allows",
+                self.name, current.start_s, t_s, self.stated_off_s,
+            )  # fmt: skip
+        if current.limits is None or current.reported:
+            return
+        limit = current.limits[1].seconds
+        if limit is None or off_s > limit or not self._armed[1] or not exceeds(current, self.sound.v_hi):
+            return
+        current.reported = True
+        self.violations += 1
+        _LOG.error(
+            "%s: sound certificate violated at %.2f s: %.4g s out of view (allowed %.4g s) with a position error of "
+            "%.4g m (certified %.4g m); an assumption of the certificate does not hold here",
+            self.name, t_s, off_s, limit, current.max_error_m, math.sqrt(2.0 * self.sound.v_hi),
+        )  # fmt: skip
 
     def close(self) -> None:
         """End the run: the interval in progress is kept, as ``open`` unless it already violates its limit."""
@@ -150,13 +158,34 @@ class DwellMonitor:
         limit = current.limits[0 if certificate == "published" else 1].seconds
         return None if limit is None else limit - (t_s - current.start_s)
 
+    def certificate(self, t_s: float) -> GapCertificate:
+        """Return what is certified now: by the dwell time of ``sound`` where there is one, else by the stated one."""
+        current = self._open
+        if current is None or current.seen:
+            return GapCertificate(True, None, None, self.violations)
+        off_s, margin = t_s - current.start_s, None
+        left = self.off_time_left_s(t_s) if self._armed[1] else None
+        if left is not None:
+            radius = math.sqrt(2.0 * self.sound.v_hi)
+            margin = radius - self.sound.error_bound_m(current.exit_levels[1], off_s)
+        elif self.stated_off_s is not None:
+            left = self.stated_off_s - off_s
+        return GapCertificate(False, left, margin, self.violations)
+
+    @property
+    def dwell_violations(self) -> int:
+        """Intervals in which the condition of ``sound`` was not met."""
+        return sum(i.sound.status == "violated" for i in self.intervals)
+
     def summary(self) -> dict[str, object]:
         """Return counts for the run's summary; ``violations`` adds both certificates' violated conditions."""
-        checks = {name: _tally(self.intervals, name) for name in ("published", "sound")}
+        checks = {name: tally(self.intervals, name) for name in _NAMES}
         return {
             **checks,
             "violations": sum(int(tally["violated"]) for tally in checks.values()),
             "broken": sum(int(tally["broken"]) for tally in checks.values()),
+            "certificate_violations": self.violations,
+            "overdue": self.overdue,
             "intervals_on": sum(i.seen for i in self.intervals),
             "intervals_off": sum(not i.seen for i in self.intervals),
             "longest_off_s": max((i.duration_s for i in self.intervals if not i.seen), default=0.0),
@@ -172,35 +201,46 @@ class DwellMonitor:
         )
         return next(found, None)
 
-    def _begin_on(self, t_s: float, region: int) -> _Open:
-        self._open = _Open(True, region, t_s, h=self._held[region])
+    def _begin_on(self, t_s: float, region: int) -> OpenInterval:
+        self._open = OpenInterval(True, region, t_s, h=self._held[region], full_h=self._held_fully[region])
         return self._open
 
-    def _switch(self, current: _Open, t_s: float, region: int, seen: bool) -> _Open:
+    def _switch(self, current: OpenInterval, t_s: float, region: int, seen: bool) -> OpenInterval:
         """Close the interval in progress and open the next one."""
         self._finish(current, t_s, complete=True)
         if seen:
             return self._begin_on(t_s, region)
-        nxt = _Open(False, current.region, t_s, h=current.h, d=current.d, excited_at_s=current.excited_at_s)
-        on_s = t_s - current.start_s
-        excited_s = 0.0 if current.excited_at_s is None else t_s - current.excited_at_s
-        nxt.limits = (
-            self.published.off_max(on_s, excited_s, d=current.d, h=current.h and current.d),
-            self.sound.off_max(on_s, excited_s, d=current.d, h=current.h and current.d),
+        nxt = OpenInterval(
+            False,
+            current.region,
+            t_s,
+            h=current.h,
+            d=current.d,
+            excited_at_s=current.excited_at_s,
+            full_h=current.full_h,
+            full_at_s=current.full_at_s,
         )
+        on_s = t_s - current.start_s
+        limits, levels = [], []
+        for j, bounds in enumerate((self.published, self.sound)):
+            d, h, at_s = current.signals(j)
+            excited_s = 0.0 if at_s is None else t_s - at_s
+            limits.append(bounds.off_max(on_s, excited_s, d=d, h=h and d))
+            levels.append(bounds.exit_level(on_s, excited_s, d=d, h=h and d))
+        nxt.limits, nxt.exit_levels = (limits[0], limits[1]), (levels[0], levels[1])
         self._open = nxt
         return nxt
 
-    def _finish(self, current: _Open, t_s: float, *, complete: bool) -> None:
+    def _finish(self, current: OpenInterval, t_s: float, *, complete: bool) -> None:
         limits = current.limits
         if current.seen or limits is None:
-            limits = (self.published.on_min(h=current.h), self.sound.on_min(h=current.h))
+            limits = (self.published.on_min(h=current.full_h), self.sound.on_min(h=current.h))
         length = t_s - current.start_s
         checks = []
         for j, (limit, bounds) in enumerate(zip(limits, (self.published, self.sound), strict=True)):
-            check = _check(current, limit, length, bounds.v_hi, armed=self._armed[j], complete=complete)
-            self._armed[j] = _premise(current, check, bounds, self._armed[j])
-            checks.append(check)
+            found = check(current, limit, length, bounds.v_hi, armed=self._armed[j], complete=complete)
+            self._armed[j] = premise(current, found, bounds, self._armed[j])
+            checks.append(replace(found, broken=True) if j == 1 and current.reported else found)
         self.intervals.append(
             Interval(
                 seen=current.seen,
@@ -215,46 +255,3 @@ class DwellMonitor:
                 sound=checks[1],
             )
         )
-
-
-def _check(
-    current: _Open, limit: DwellTime, length_s: float, v_hi: float, *, armed: bool, complete: bool
-) -> IntervalCheck:
-    """Compare an interval with one certificate's dwell time; ``armed``: the certificate's premises hold."""
-    if limit.seconds is None:
-        return IntervalCheck(None, "impossible")
-    if current.seen:
-        if length_s >= limit.seconds:
-            return IntervalCheck(limit.seconds, "met")
-        return IntervalCheck(limit.seconds, "violated" if complete else "open")
-    if length_s > limit.seconds:
-        return IntervalCheck(limit.seconds, "violated")
-    broken = armed and _exceeds(current, v_hi)
-    return IntervalCheck(limit.seconds, "met" if complete else "open", broken)
-
-
-def _exceeds(current: _Open, v_hi: float) -> bool:
-    return 0.5 * current.max_error_m**2 > v_hi  # V >= |p_til|^2 / 2
-
-
-def _premise(current: _Open, check: IntervalCheck, bounds: DwellBounds, armed: bool) -> bool:
-    """Return whether the certificate's premise holds for what follows this interval.
-
-    The conditions for time out of view assume V <= V_lo when it starts (stationary, Lemma 3.3) or V <= V_hi when the
-    view before it started (mobile, Theorem 4.1). A broken chain starts again when the error returns below V_hi.
-    """
-    if not current.seen:
-        return check.status == "met" or not _exceeds(current, bounds.v_hi)
-    if bounds.constants.mobile:
-        return armed
-    return armed and check.status == "met"
-
-
-def _tally(intervals: list[Interval], name: str) -> dict[str, int]:
-    checks: list[IntervalCheck] = [getattr(i, name) for i in intervals]
-    counts = {
-        status: sum(c.status == status for c in checks)
-        for status in ("met", "violated", "impossible", "open")
-    }
-    counts["broken"] = sum(c.broken for c in checks)
-    return counts

@@ -20,6 +20,7 @@ from camnet.certification.constants import (
     EstimatorBounds,
     lattice_sigma_bar,
     published,
+    residue_per_speed,
     sound,
     switching_residue,
 )
@@ -135,6 +136,7 @@ def estimator_bounds(
     switching: str = "sign",
     switching_gain: float = math.inf,
     boundary_layer: float = 0.0,
+    unexcited_share: float = 0.0,
 ) -> EstimatorBounds:
     """Collect the bounds from an estimator's gains and a target's speed limits; ``settings`` has the last word.
 
@@ -146,10 +148,13 @@ def estimator_bounds(
     kernel_spacing_m, kernel_width_m : of the basis
     v_max_mps, w_max_radps : bounds of the target's speed
     switching, switching_gain, boundary_layer : form of the switching term
+    unexcited_share : share of a regressor's norm that may lie outside the excited weights
     """
-    floor = 0.0
+    floor, per_speed = 0.0, 0.0
+    sigma_bar = settings.sigma_bar or lattice_sigma_bar(kernel_spacing_m, kernel_width_m)
     if switching != "sign":
         floor = switching_residue(switching, switching_gain, boundary_layer, settings.eps_bar)
+        per_speed = residue_per_speed(switching, boundary_layer)
     return EstimatorBounds(
         k=k,
         kcl=kcl,
@@ -160,10 +165,13 @@ def estimator_bounds(
         stack_size=stack_size,
         eps_bar=settings.eps_bar,
         etadot_max=settings.etadot_max or pose_rate_bound(v_max_mps, w_max_radps),
-        sigma_bar=settings.sigma_bar or lattice_sigma_bar(kernel_spacing_m, kernel_width_m),
+        sigma_bar=sigma_bar,
         weight_bound=settings.weight_bound or weight_bound,
         lambda_min_psi=excitation,
         switching_floor=floor,
+        unexcited_norm=unexcited_share * sigma_bar,
+        switching_gain=switching_gain,
+        floor_per_speed=per_speed,
     )
 
 

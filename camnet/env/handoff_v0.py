@@ -251,7 +251,8 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         return {name: row for name, row in live if name in self.agents}
 
     def _info(self, name: str, last: bool = False, failed: bool = False) -> dict[str, Any]:
-        info: dict[str, Any] = {}
+        simulation = self.simulation
+        info: dict[str, Any] = {"certificate": simulation.statistics.certificate(simulation.snapshot.t_s)}
         mask = self._mode.mask(self._beliefs, self.possible_agents.index(name))
         if mask is not None:
             info["action_mask"] = mask

@@ -65,6 +65,7 @@ def network_certificates(network: Network) -> DwellCertificates:
         switching=estimator.switching,
         switching_gain=estimator.k2,
         boundary_layer=estimator.boundary_layer,
+        unexcited_share=estimator.stack.excitation_share,
     )
     radius = min(view_radius(network, j) for j in range(len(network.cameras)))
     return certify_dwell(bounds, radius, mobile=network.n_agents > 0, v_lo=network.scenario.certificate.v_lo)

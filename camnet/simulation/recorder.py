@@ -29,12 +29,16 @@ def log_columns(agents: Sequence[str], targets: Sequence[str], filters: Sequence
 
     ``<target>.region`` and ``<target>.seen_by`` are indices of regions and cameras (-1: none), ``<agent>.role`` is
     0 loiter, 1 intercept, 2 track. ``<target>.off_left_s`` is how long the target may still stay unseen by the
-    ``sound`` certificate of the gap it is in (NaN: seen, or nothing is certified).
+    certificate of the gap it is in, and ``<target>.off_margin_m`` what the certified bound of the error leaves of the
+    view's radius (NaN: seen, or nothing is certified); ``<target>.violations`` counts violations of ``sound`` so far.
     """
     columns = ["t_s"]
     for target in targets:
         columns += [*_vector(target, "p", "m"), *_quaternion(target, "q"), *_vector(target, "v", "mps")]
-        columns += [f"{target}.{what}" for what in ("region", "seen_by", "lap", "off_left_s")]
+        columns += [
+            f"{target}.{what}"
+            for what in ("region", "seen_by", "lap", "off_left_s", "off_margin_m", "violations")
+        ]
         for name in filters:
             who = f"{target}.{name}"
             columns += [*_vector(who, "p", "m"), *_quaternion(who, "q"), *_vector(who, "v", "mps")]
@@ -70,16 +74,17 @@ class Recorder:
             truth.target_p_world[m],
             truth.target_q_world[m],
             truth.target_v_world[m],
-            [float(s.target_region[m]), float(s.seen_by(m)), float(s.trackers[m].lap), self._time_left(m)],
+            [float(s.target_region[m]), float(s.seen_by(m)), float(s.trackers[m].lap), *self._certificate(m)],
         ]
         for name in s.filter_names:
             e = s.filters[name][m].estimate
             parts += [e.p_world, e.q_world, e.v_world, [e.radius_m]]
         return parts
 
-    def _time_left(self, m: int) -> float:
-        left = self._simulation.statistics.dwell[m].off_time_left_s(self._simulation.snapshot.t_s)
-        return float("nan") if left is None else left
+    def _certificate(self, m: int) -> list[float]:
+        now = self._simulation.statistics.dwell[m].certificate(self._simulation.snapshot.t_s)
+        known = [float("nan") if x is None else x for x in (now.time_left_s, now.margin_m)]
+        return [*known, float(now.violations)]
 
     def _agent(self, j: int, setpoints: Setpoints, tasks: Sequence[Task]) -> list[Array | list[float]]:
         s, truth = self._simulation, self._simulation.snapshot

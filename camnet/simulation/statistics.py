@@ -9,6 +9,8 @@ import numpy as np
 
 from camnet.certification.monitor import DwellMonitor
 from camnet.certification.network import DwellCertificates
+from camnet.estimation.learning_estimator import LearningEstimator
+from camnet.estimation.protocol import TargetFilter
 from camnet.geometry.spacing import least_distance
 from camnet.simulation.metrics import ErrorRecord, delay_summary
 from camnet.types import Snapshot
@@ -33,8 +35,16 @@ class RunStatistics:
         targets = range(network.n_targets)
         self.errors = {name: [ErrorRecord() for _ in targets] for name in simulation.filter_names}
         self.dwell = [
-            DwellMonitor(len(network.regions), certificates.published, certificates.sound) for _ in targets
+            DwellMonitor(
+                len(network.regions),
+                certificates.published,
+                certificates.sound,
+                network.scenario.targets[m].name,
+                network.scenario.certificate.off_max_s,
+            )
+            for m in targets
         ]
+        self._certificate: tuple[float, dict[str, Any]] = (-math.inf, {})
         self.collisions: list[tuple[float, str, str]] = []
         self.region_exits = 0
         self.effort = 0.0
@@ -56,7 +66,7 @@ class RunStatistics:
 
     def after_sense(self, simulation: NetworkSimulation) -> None:
         """Record errors, view time and the switching signals of every target."""
-        truth = simulation.snapshot
+        truth, network = simulation.snapshot, simulation.network
         self._count_agents(simulation)
         for m, tracker in enumerate(simulation.trackers):
             camera = simulation.seen_by(m)
@@ -68,9 +78,8 @@ class RunStatistics:
                 records[m].add(lap, seen, simulation.filters[name][m].estimate, p_world, q_world)
             error_m = self.errors[simulation.filter_names[0]][m].latest_m
             region = camera if seen else int(simulation.target_region[m])
-            # Assumption 4.7 asks for a stack of full rank. The estimator's own excitation is that of the places the
-            # target visits, which is less and is reported with the estimator; the theorems' excited cases stay shut.
-            self.dwell[m].update(truth.t_s, region, seen, False, error_m)
+            held, fully = _excited(simulation.driving[m], camera, network.scenario.estimator.weight_bound)
+            self.dwell[m].update(truth.t_s, region, seen, held, error_m, fully)
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
         outside = simulation.agents_outside()
@@ -83,6 +92,31 @@ class RunStatistics:
     def time_in_view(self) -> float:
         """Share of target-seconds during which some camera saw the target."""
         return self._seen / max(self._senses, 1)
+
+    def certificate(self, t_s: float) -> dict[str, Any]:
+        """Return what ``sound`` and the stated dwell time certify now: the tightest of all targets, and each of them.
+
+        ``time_left_s`` and ``margin_m`` are None while everybody is in view, or where nothing is certified. Asked again
+        at the same instant, the same object is returned.
+        """
+        if self._certificate[0] != t_s:
+            self._certificate = (t_s, self._certified(t_s))
+        return self._certificate[1]
+
+    def _certified(self, t_s: float) -> dict[str, Any]:
+        now = {m.name: m.certificate(t_s) for m in self.dwell}
+        return {
+            "time_left_s": min(
+                (c.time_left_s for c in now.values() if c.time_left_s is not None), default=None
+            ),
+            "margin_m": min((c.margin_m for c in now.values() if c.margin_m is not None), default=None),
+            "violations": sum(c.violations for c in now.values()),
+            "overdue": sum(m.overdue for m in self.dwell),
+            "targets": {
+                name: {"seen": c.seen, "time_left_s": c.time_left_s, "margin_m": c.margin_m}
+                for name, c in now.items()
+            },
+        }
 
     def finish(self) -> None:
         """End the run: close the dwell intervals in progress."""
@@ -107,8 +141,28 @@ class RunStatistics:
             "control_effort_m2ps": self.effort,
             "least_agent_distance_m": self.least_distance_m if math.isfinite(self.least_distance_m) else None,
             "laps": [t.lap for t in trackers],
+            "dwell_time_violations": sum(m.dwell_violations for m in self.dwell),
+            "certificate_violations": sum(m.violations for m in self.dwell),
+            "overdue": sum(m.overdue for m in self.dwell),
         }
 
     def baselines(self, simulation: NetworkSimulation) -> dict[str, Any]:
         """Error rows of the estimators that ran beside the driving one."""
         return {name: ErrorRecord.pooled(self.errors[name]).summary() for name in simulation.filter_names[1:]}
+
+
+def _excited(driving: TargetFilter, camera: int, weight_bound: float) -> tuple[bool, bool]:
+    """Whether the excited cases of ``sound`` and of ``published`` are open in the region of ``camera``.
+
+    Assumption 4.7 asks for a stack of full rank. Excitation of the visited places is enough for ``sound``, whose
+    constants count the rest of the weights as a disturbance; the projection must be at rest for that.
+    """
+    if camera < 0 or not isinstance(driving, LearningEstimator):
+        return False, False
+    model = driving.model(camera)
+    if not math.isfinite(model.excited_s()):
+        return False, False
+    fully = min(model.integral.excited_s, model.instantaneous.excited_s)
+    outputs = 6 if model.form == "twist" else 7
+    at_rest = float(np.linalg.norm(model.weights[:, :outputs])) <= weight_bound
+    return at_rest, math.isfinite(fully)

@@ -45,7 +45,8 @@ def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:
     for name in ("published", "sound"):
         report[name]["run"] = [summary[name] for summary in summaries]
     report["violations"] = sum(int(str(summary["violations"])) for summary in summaries)
-    report["broken"] = sum(int(str(summary["broken"])) for summary in summaries)
+    for name in ("broken", "certificate_violations", "overdue"):
+        report[name] = sum(int(str(summary[name])) for summary in summaries)
     report["intervals"] = [
         {
             key: summary[key]

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camnet.certification.constants import EstimatorBounds
+from camnet.certification.intervals import GapCertificate
 from camnet.certification.monitor import DwellMonitor
 from camnet.certification.network import (
     NetworkGap,
@@ -98,6 +99,45 @@ def test_a_counterexample_is_reported_as_broken():
     m.close()
     assert m.intervals[1].sound.broken
     assert m.summary()["broken"] == 2
+
+
+def test_margin_is_what_the_comparison_system_leaves_of_the_radius():
+    m = monitor()
+    for t in np.arange(0, 6, 0.05):
+        m.update(float(t), 0, True, True, 0.01)
+    m.update(6.0, -1, False, False, 0.01)
+    c, level = PAIR.sound.constants, PAIR.sound.exit_level(6.0, 6.0, d=True, h=False)
+    v, dt = level, 1e-5
+    for _ in range(5000):  # V' = lambda_G V + c3, integrated
+        v += dt * (c.lambda_g * v + c.c3)
+    now = m.certificate(6.05)
+    assert now.margin_m == pytest.approx(2.0 - math.sqrt(2 * v), abs=1e-4)
+    assert now.time_left_s == pytest.approx(m.off_time_left_s(6.0) - 0.05)
+    # at the end of the time allowed nothing is left
+    assert m.certificate(6.0 + m.off_time_left_s(6.0)).margin_m == pytest.approx(0.0, abs=1e-9)
+    m.update(6.05, 1, True, False)
+    assert m.certificate(6.05) == GapCertificate(True, None, None, 0)
+
+
+def test_published_needs_the_full_rank_and_sound_the_visited_part():
+    m = monitor()
+    for t in np.arange(0, 6, 0.05):
+        m.update(float(t), 0, True, True, 0.0, fully=False)
+    m.update(6.0, -1, False, False)
+    m.update(6.05, 1, True, False)
+    off = m.intervals[1]
+    assert off.published.limit_s == PAIR.published.off_max(6.0, 0.0, d=False, h=False).seconds
+    assert off.sound.limit_s == PAIR.sound.off_max(6.0, 6.0, d=True, h=False).seconds
+
+
+def test_stated_dwell_time_is_watched(caplog):
+    m = DwellMonitor(1, PAIR.published, PAIR.sound, name="van", stated_off_s=1.0)
+    m.update(0.0, 0, True, False)
+    for t in np.arange(0.1, 2.0, 0.1):
+        m.update(float(t), -1, False, False)
+    assert m.overdue == 1
+    assert [r.levelname for r in caplog.records] == ["ERROR"]
+    assert "van: out of view since 0.10 s" in caplog.text
 
 
 def test_direct_passage_between_touching_regions_closes_the_visit():
