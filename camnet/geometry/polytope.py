@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from camnet.errors import WorldError
 from camnet.types import Array, BoolArray
 
-__all__ = ["PolytopeRegion", "largest_ball", "polytope_from_halfspaces"]
+__all__ = ["PolytopeRegion", "largest_ball", "polytope_from_halfspaces", "signed_distance"]
 
 
 def largest_ball(a: Array, b: Array) -> tuple[Array, float]:
@@ -65,7 +65,8 @@ def _triangle_distance2(p: Array, corners: Array) -> float:
 
 
 @njit(cache=True)
-def _signed_distance(points: Array, a: Array, b: Array, triangles: Array) -> Array:
+def signed_distance(points: Array, a: Array, b: Array, triangles: Array) -> Array:
+    """Distance (K,) of points (K, 3) to the polytope ``a x <= b`` with the surface ``triangles`` (T, 3, 3)."""
     out = np.empty(points.shape[0])
     for k in range(points.shape[0]):
         inner = -math.inf
@@ -146,10 +147,15 @@ class PolytopeRegion:
         volumes = np.abs(np.linalg.det(self._triangles - apex))
         return np.asarray(volumes @ (self._triangles.sum(axis=1) + apex) / (4.0 * volumes.sum()))
 
+    @property
+    def triangles(self) -> Array:
+        """Surface, (T, 3, 3), m."""
+        return self._triangles
+
     def signed_distance(self, points: ArrayLike) -> Array:
         """Distance (...,) in m of points (..., 3) to the surface, negative inside; exact on both sides."""
         p = np.ascontiguousarray(points, dtype=np.float64)
-        return np.asarray(_signed_distance(p.reshape(-1, 3), self.A, self.b, self._triangles)).reshape(
+        return np.asarray(signed_distance(p.reshape(-1, 3), self.A, self.b, self._triangles)).reshape(
             p.shape[:-1]
         )
 
