@@ -61,13 +61,15 @@ def positive(text: str) -> float:
 
 @contextmanager
 def progress_bar(total: float, words: str, unit: str, quiet: bool) -> Iterator[Any]:
-    """Show a progress bar on standard error; yields a function that takes the progress so far."""
-    layout = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f}/{total:.0f} {unit} [{elapsed}<{remaining}]"
+    """Show a progress bar on standard error; yields a function that takes the progress so far, and words if any."""
+    layout = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f}/{total:.0f} {unit} [{elapsed}<{remaining}]{postfix}"
     with tqdm(
         total=total, desc=words, unit=unit, disable=quiet or None, file=sys.stderr, bar_format=layout
     ) as bar:
 
-        def advance(done: float) -> None:
+        def advance(done: float, words: str = "") -> None:
+            if words:
+                bar.set_postfix_str(words, refresh=False)
             bar.update(done - bar.n)
 
         yield advance

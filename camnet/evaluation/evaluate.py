@@ -180,7 +180,9 @@ def _kept(folder: Path, plan: Plan, match: Match) -> dict[int, Score]:
 def _keep(folder: Path, plan: Plan, match: Match, scores: dict[int, Score]) -> None:
     path, digest = _path(folder, match), _digest(plan, match)
     path.parent.mkdir(parents=True, exist_ok=True)
+    torn = path.is_file() and not path.read_bytes().endswith(b"\n")  # a stopped run's half line
     with path.open("a", encoding="utf-8") as file:
+        file.write("\n" if torn else "")
         for seed, score in scores.items():
             plain = {k: v if np.isfinite(v) else None for k, v in score.items()}
             file.write(json.dumps({"digest": digest, "seed": seed, "score": plain}, allow_nan=False) + "\n")

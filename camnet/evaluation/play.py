@@ -71,7 +71,7 @@ def play_one(
     team = make_team(match.agent, env, seed)
     recorder = EpisodeRecorder(match.cutoff_m)
     while env.agents:
-        alive = {name: observations[name] for name in env.agents}
+        alive = {name: np.asarray(observations[name]) for name in env.agents}
         observations, rewards, _, _, infos = env.step(team(alive))
         recorder.add(next(iter(rewards.values())), _instant(env))
         if frame is not None:
@@ -86,5 +86,5 @@ def _instant(env: handoff_v0.HandoffEnv) -> Instant:
         truth=simulation.snapshot.target_p_world,
         estimates=np.array([e.p_world for e in estimates]),
         known=np.array([np.isfinite(e.last_seen_s) for e in estimates]),
-        seen=simulation.visible.any(axis=0),
+        seen=np.asarray(simulation.visible.any(axis=0)),
     )

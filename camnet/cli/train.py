@@ -1,0 +1,108 @@
+"""``camnet train``: a policy by imitation and PPO on the batch back end."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from camnet.cli.common import add_common, progress_bar, say
+from camnet.cli.output import print_json, write_json
+
+__all__ = ["add_parser"]
+
+_DESCRIPTION = """Train one policy for all agents (needs the extra: pip install camnet[train]).
+
+The policy first imitates a built-in agent, then improves by PPO (Stable-Baselines3) on many environments at once. The
+same command with the same seed gives the same policy; a run that was stopped goes on when the command is given again.
+
+  camnet train --world quickstart --seed 1 --out runs/train
+  camnet evaluate --world loop_8 --agents runs/train/policy.npz,nearest,ekf --episodes 50
+  tensorboard --logdir runs/train/tensorboard
+
+--out gets policy.npz (weights and a JSON description, nothing that runs), checkpoint.pt, result.json, tensorboard/.
+Settings (--set KEY=VALUE): {settings}."""
+
+
+def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Register the command."""
+    from camnet.training.settings import TrainSettings
+
+    names = ", ".join(f"{name}={field.default}" for name, field in TrainSettings.model_fields.items())
+    parser = commands.add_parser(
+        "train",
+        help="train a policy: imitation, then PPO on many environments at once",
+        description=_DESCRIPTION.format(settings=names),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--world", metavar="W,W", help="worlds to train on, comma-separated (default quickstart)"
+    )
+    parser.add_argument(
+        "--steps", type=int, metavar="N", help="decisions of single agents (default 4,000,000)"
+    )
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides", help="change one setting"
+    )
+    add_common(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train and write."""
+    from pathlib import Path
+
+    from camnet.errors import ConfigError
+
+    settings = _settings(args)
+    try:
+        import stable_baselines3  # noqa: F401 - only whether it is there
+    except ImportError:
+        raise ConfigError("camnet train needs Stable-Baselines3: pip install 'camnet[train]'") from None
+    from camnet.training.train import train
+
+    seed = args.seed or 0
+    folder = Path(args.out or f"runs/train-seed{seed}")
+    if args.force and (folder / "checkpoint.pt").is_file():
+        (folder / "checkpoint.pt").unlink()
+    with progress_bar(100, "train", "%", args.quiet) as advance:
+        result = train(settings, seed, folder, lambda share, words: advance(100 * share, words))
+    result = {**result, "seed": seed, "settings": settings.model_dump(mode="json")}
+    write_json(folder / "result.json", result)
+    if args.json:
+        print_json(result)
+    else:
+        last = result["episodes"][-1] if result["episodes"] else {}
+        print(
+            f"{result['steps']} steps; last episodes: " + ", ".join(f"{k} {v:.4g}" for k, v in last.items())
+        )
+    say(
+        f"wrote {folder / 'policy.npz'}; score it with: camnet evaluate --world W --agents {folder}/policy.npz,nearest"
+    )
+    return 0
+
+
+def _settings(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
+    import yaml
+    from pydantic import ValidationError
+
+    from camnet.errors import ConfigError
+    from camnet.training.settings import TrainSettings
+
+    values: dict[str, Any] = {}
+    for text in args.overrides:
+        name, equals, value = text.partition("=")
+        if not equals or name not in TrainSettings.model_fields:
+            raise ConfigError(
+                f"--set {text!r}: give KEY=VALUE with KEY among {', '.join(TrainSettings.model_fields)}"
+            )
+        values[name] = yaml.safe_load(value)
+    if args.world is not None:
+        values["worlds"] = tuple(part.strip() for part in args.world.split(",") if part.strip())
+    if args.steps is not None:
+        values["steps"] = args.steps
+    try:
+        return TrainSettings.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"training setting {where} = {first['input']!r}: {first['msg']}") from error
