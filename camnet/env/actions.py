@@ -28,7 +28,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from camnet.control.setpoints import Setpoint, intercept, loiter, track
+from camnet.control.setpoints import Setpoint
 from camnet.env.beliefs import Beliefs
 from camnet.env.settings import EnvSettings
 from camnet.env.velocity import VelocityPilot
@@ -36,12 +36,12 @@ from camnet.errors import ConfigError
 from camnet.geometry.rotations import gaze_angles, rotate
 from camnet.simulation.coordination import Role, Task
 from camnet.simulation.loop import NetworkSimulation, Setpoints
+from camnet.simulation.run import setpoint_for
 from camnet.types import Array, BoolArray
 
 __all__ = ["ActionMode", "action_mode", "setpoint_of"]
 
 _FORWARD = np.array([0.0, 0.0, 1.0])
-_DOWN = np.array([0.0, 0.0, -1.0])
 #: gain from errors to velocities where a built-in task is flown in `velocity` mode, 1/s
 _GAIN_PER_S = 2.0
 
@@ -78,16 +78,9 @@ def action_mode(simulation: NetworkSimulation, settings: EnvSettings, names: Seq
 
 
 def setpoint_of(simulation: NetworkSimulation, beliefs: Beliefs, j: int, task: Task) -> Setpoint:
-    """Setpoint of agent ``j`` for a task, from its own beliefs (harris2020, section 4.1)."""
-    network, own_p = simulation.network, simulation.snapshot.camera_p_world[j]
-    region, camera, controller = network.regions[j], network.cameras[j], network.scenario.controller
-    if task.role is Role.TRACK:
-        return track(beliefs.estimates(j)[task.target], region, camera, controller, own_p)
-    if task.role is Role.INTERCEPT and task.entry is not None:
-        entry = task.entry
-        late_s = beliefs.t_s - entry.t_s
-        return intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, controller, late_s)
-    return loiter(region, camera, controller)
+    """Setpoint of agent ``j`` for a task, from its own beliefs."""
+    own_p = simulation.snapshot.camera_p_world[j]
+    return setpoint_for(simulation.network, j, task, beliefs.estimates(j), own_p, beliefs.t_s)
 
 
 class _Mode:
@@ -190,11 +183,11 @@ class VelocityMode(_Mode):
     def _towards(self, simulation: NetworkSimulation, j: int, p_world: Array, gaze: Array) -> Array:
         """Return the action (6,) that leads agent ``j`` to a position and a gaze."""
         now, controller = simulation.snapshot, self._controller
-        v = limit_share(_GAIN_PER_S * (p_world - now.camera_p_world[j]) / controller.reference_v_max_mps)
+        v = _shortened(_GAIN_PER_S * (p_world - now.camera_p_world[j]) / controller.reference_v_max_mps)
         axis = rotate(now.camera_q_world[j], _FORWARD)
         wanted = np.array([np.tan(gaze[0]), np.tan(gaze[1]), -1.0])
         turn = np.cross(axis, wanted / np.linalg.norm(wanted))  # about the world's axes, sine of the angle
-        w = limit_share(_GAIN_PER_S * turn / controller.reference_w_max_radps)
+        w = _shortened(_GAIN_PER_S * turn / controller.reference_w_max_radps)
         return np.concatenate([v, w])
 
     def encode(
@@ -261,6 +254,6 @@ class AssignMode(_Mode):
         return np.int64(number)
 
 
-def limit_share(share: Array) -> Array:
+def _shortened(share: Array) -> Array:
     """Shorten a vector to length 1."""
     return np.asarray(share / max(float(np.linalg.norm(share)), 1.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +18,10 @@ from camnet.simulation.loop import NetworkSimulation, Setpoints
 from camnet.simulation.network import Network, build_network
 from camnet.simulation.recorder import Recorder
 from camnet.simulation.summary import summarise
+from camnet.types import Array, TargetEstimate
 from camnet.world.pybullet import PyBulletWorld
 
-__all__ = ["RunResult", "open_simulation", "run_network", "setpoints_for"]
+__all__ = ["RunResult", "open_simulation", "run_network", "setpoint_for", "setpoints_for"]
 
 #: called with the simulated time after every decision
 Progress = Callable[[float], None]
@@ -113,23 +114,28 @@ def decide(simulation: NetworkSimulation) -> list[Task]:
 
 def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints:
     """Turn tasks into setpoints."""
-    chosen = [_setpoint(simulation, j, task) for j, task in enumerate(tasks)]
+    now, estimates = simulation.snapshot, [f.estimate for f in simulation.driving]
+    chosen = [
+        setpoint_for(simulation.network, j, task, estimates, now.camera_p_world[j], now.t_s)
+        for j, task in enumerate(tasks)
+    ]
     p_world = np.array([s.p_world for s in chosen]).reshape(-1, 3)
     return Setpoints(p_world, np.array([s.gaze for s in chosen]).reshape(-1, 2))
 
 
-def _setpoint(simulation: NetworkSimulation, j: int, task: Task) -> Setpoint:
-    network, now = simulation.network, simulation.snapshot
+def setpoint_for(
+    network: Network, j: int, task: Task, estimates: Sequence[TargetEstimate], camera_p: Array, t_s: float
+) -> Setpoint:
+    """Turn the task of agent ``j``, whose camera is at ``camera_p`` (3,), into its setpoint."""
     region, camera, settings = network.regions[j], network.cameras[j], network.scenario.controller
     if task.role is Role.TRACK:
-        estimate = simulation.driving[task.target].estimate
-        return track(estimate, region, camera, settings, now.camera_p_world[j])
+        return track(estimates[task.target], region, camera, settings, camera_p)
     if task.role is Role.INTERCEPT and task.entry is not None:
         entry = task.entry
-        late_s = now.t_s - entry.t_s
+        late_s = t_s - entry.t_s
         goal = intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, settings, late_s)
-        return at_ease(goal, now.camera_p_world[j], settings, max(-late_s, 0.0))
-    return at_ease(loiter(region, camera, settings), now.camera_p_world[j], settings)
+        return at_ease(goal, camera_p, settings, max(-late_s, 0.0))
+    return at_ease(loiter(region, camera, settings), camera_p, settings)
 
 
 def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str, Any]:
