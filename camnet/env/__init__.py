@@ -1,17 +1,12 @@
 """The PettingZoo environment of the handoff problem and its metrics.
 
-Importing this package registers ``camnet/Handoff-Quickstart-v0`` with PettingZoo, in both forms.
+Importing this package registers the environments of `camnet.env.presets` with PettingZoo and Gymnasium.
 Read next: `camnet.env.handoff_v0` (the environment), `camnet.env.layout` (observations field by field),
-`camnet.env.settings` (rewards and their bound).
+`camnet.env.actions` (the three action modes), `camnet.env.settings` (options, rewards and their bound).
 """
 
-from pettingzoo import register
+from camnet.env.presets import PRESETS, register_all
 
 __all__ = ["PRESETS"]
 
-#: registered id -> options of the environment
-PRESETS = {"camnet/Handoff-Quickstart-v0": {"world": "quickstart"}}
-
-for _id, _options in PRESETS.items():
-    register("parallel", _id, "camnet.env.handoff_v0:parallel_env", kwargs=dict(_options))
-    register("aec", _id, "camnet.env.handoff_v0:env", kwargs=dict(_options))
+register_all()

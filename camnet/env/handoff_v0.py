@@ -27,6 +27,7 @@ from pettingzoo.utils.conversions import parallel_to_aec
 
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
+from camnet.control.setpoints import Setpoint
 from camnet.env.actions import SetpointMode, action_mode
 from camnet.env.beliefs import Beliefs, shared_beliefs
 from camnet.env.curriculum import changed_scenario, changed_settings, read_options
@@ -39,6 +40,7 @@ from camnet.env.settings import EnvSettings
 from camnet.env.state import StateEncoder
 from camnet.errors import ConfigError
 from camnet.report.frame import MapPainter
+from camnet.simulation.coordination import Task
 from camnet.simulation.loop import Setpoints
 from camnet.simulation.run import open_simulation
 
@@ -226,6 +228,10 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         if not isinstance(self._mode, SetpointMode):
             raise ConfigError(f"action_mode = {self.settings.action_mode!r}: only 'setpoint' has setpoints")
         return self._mode.setpoints(self.simulation, self._given(actions))
+
+    def action_of(self, agent: str, task: Task, setpoint: Setpoint) -> Action:
+        """Return the action, in this environment's mode, that comes nearest to a task of the built-in system."""
+        return self._mode.encode(self.simulation, self.possible_agents.index(agent), task, setpoint)
 
     def _terminated(self) -> bool:
         if self.settings.terminate_on_collision and self.simulation.snapshot.collisions:

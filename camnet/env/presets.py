@@ -1,0 +1,49 @@
+"""Registered environments: an id and the options it stands for.
+
+| id | what |
+| --- | --- |
+| `camnet/Handoff-Quickstart-v0` | one robot, four regions on a loop |
+| `camnet/Handoff-Loop-8-v0` | two robots, eight regions on a loop |
+| `camnet/Handoff-Grid-16-v0` | four robots that turn at random, sixteen regions over the junctions of a street grid |
+| `camnet/Handoff-Pursuit-v0` | three fast robots that overtake each other, six regions |
+| `camnet/Handoff-Failures-v0` | the loop of eight with agents that fail, and messages that come late or get lost |
+
+All of them are registered with PettingZoo in both forms; ``pettingzoo.make("parallel", id, ...)`` takes the options of
+`camnet.env.handoff_v0.HandoffEnv` on top. `camnet/Handoff-Single-v0` is registered with Gymnasium
+(`camnet.env.single`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+from pettingzoo import register
+
+__all__ = ["PRESETS", "SINGLE", "register_all"]
+
+#: registered id -> options of the environment
+PRESETS: dict[str, dict[str, Any]] = {
+    "camnet/Handoff-Quickstart-v0": {"world": "quickstart"},
+    "camnet/Handoff-Loop-8-v0": {"world": "loop_8"},
+    "camnet/Handoff-Grid-16-v0": {"world": "grid_16"},
+    "camnet/Handoff-Pursuit-v0": {"world": "pursuit"},
+    "camnet/Handoff-Failures-v0": {
+        "world": "loop_8",
+        "message_delay_s": 0.2,
+        "message_loss": 0.2,
+        "communication_range_m": 15.0,
+        "failures": {"rate_per_s": 0.002},
+    },
+}
+#: id of the single-agent form, with Gymnasium
+SINGLE = "camnet/Handoff-Single-v0"
+
+
+def register_all() -> None:
+    """Register every preset with PettingZoo, and the single-agent form with Gymnasium."""
+    for name, options in PRESETS.items():
+        register("parallel", name, "camnet.env.handoff_v0:parallel_env", kwargs=dict(options))
+        register("aec", name, "camnet.env.handoff_v0:env", kwargs=dict(options))
+    if SINGLE not in gymnasium.registry:
+        gymnasium.register(SINGLE, entry_point="camnet.env.single:SingleAgentEnv")
