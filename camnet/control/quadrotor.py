@@ -1,7 +1,11 @@
 """Quadrotor with a gimballed camera: inner loop, rotors, aerodynamics, gimbal. Readable NumPy version.
 
-One call is one physics step of every agent: velocity command -> acceleration -> attitude and thrust -> rotor
-speeds -> force and torque on the rigid body. The compiled twin is `camnet.control.quadrotor_kernel`.
+One call is one period of the inner loop of every agent: velocity command -> acceleration -> attitude and thrust ->
+rotor speeds -> force and torque on the rigid body. Rotors and gimbal are finer: they take ``substeps`` steps in the
+period, the rotors towards the speeds that the inner loop holds; force and torque are their means over the period.
+The gimbal moves after the body (`turn_gimbal`): its own loop is much faster than a physics step and answers the
+body's mean rate in every substep.
+The compiled twin is `camnet.control.quadrotor_kernel`.
 The attitude law is the geometric one of T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a
 quadrotor UAV on SE(3)", CDC 2010, eqs. (10)-(16). The desired angular velocity is the filtered derivative of the
 desired thrust direction and its own derivative is left out: what the attitude fails to follow is part of the
@@ -13,6 +17,7 @@ disturbance d of harris2020 (4-2), which the outer loop measures.
 | q, w | body to world; angular velocity in the body frame | (N,4), (N,3) | -, rad/s |
 | Omega | rotor speeds | (N,4) | rad/s |
 | a | commanded acceleration | (N,3) | m/s^2 |
+| h, K | period of the inner loop, substeps of rotors and gimbal in it | | s, - |
 | f, T | commanded specific force times mass, its part along the rotors | (N,3), (N,) | N |
 | tau | torque in the body frame | (N,3) | N m |
 | b3_d, w_d | desired thrust direction, its angular velocity, world frame | (N,3) | -, rad/s |
@@ -21,7 +26,7 @@ disturbance d of harris2020 (4-2), which the outer loop measures.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +34,7 @@ from camnet.control import gimbal
 from camnet.geometry.rotations import to_matrix
 from camnet.types import Array
 
-__all__ = ["Command", "Memory", "QuadrotorModel", "RigidState", "mixer", "overdrive", "step"]
+__all__ = ["Command", "Memory", "QuadrotorModel", "RigidState", "mixer", "overdrive", "step", "turn_gimbal"]
 
 #: filter and bound of the desired angular velocity
 AXIS_RATE_LAG_S = 0.02
@@ -38,7 +43,10 @@ AXIS_RATE_MAX_RADPS = 5.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class QuadrotorModel:
-    """Constants of one kind of quadrotor and of its inner loop, in SI units (see `camnet.world.settings`)."""
+    """Constants of one kind of quadrotor and of its inner loop, in SI units (see `camnet.world.settings`).
+
+    ``dt_s`` is the inner loop's period, in which rotors and gimbal take ``substeps`` steps.
+    """
 
     dt_s: float
     mass_kg: float
@@ -60,6 +68,12 @@ class QuadrotorModel:
     gimbal_rate_max_radps: float
     gimbal_lag_s: float
     gimbal_pan_max_rad: float
+    substeps: int = 1
+
+    @property
+    def substep_s(self) -> float:
+        """Step of rotors and gimbal, s."""
+        return self.dt_s / self.substeps
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -90,7 +104,7 @@ class Memory:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Command:
-    """Input of one step, all (N,3) but ``yaw`` (N,): camera velocity, feedforward acceleration, heading, wind."""
+    """Input of one period, all (N,3) but ``yaw`` (N,): camera velocity, feedforward acceleration, heading, wind."""
 
     v_world: Array
     a_world: Array
@@ -168,22 +182,26 @@ def overdrive(model: QuadrotorModel) -> float:
     response = min(model.rotor_response_s, model.motor_lag_s)
     if response <= 0:
         return 1.0
-    return float(np.expm1(-model.dt_s / response) / np.expm1(-model.dt_s / model.motor_lag_s))
+    return float(np.expm1(-model.substep_s / response) / np.expm1(-model.substep_s / model.motor_lag_s))
 
 
-def _turn_rotors(model: QuadrotorModel, rotor: Array, wanted: Array) -> Array:
-    """Rotor speeds after a step: the lag of the motors, driven beyond the wanted speed within its limits."""
-    command = np.clip(rotor + overdrive(model) * (wanted - rotor), 0.0, model.rotor_max_radps)
-    return _lag(rotor, command, model.dt_s, model.motor_lag_s)
+def _turn_rotors(model: QuadrotorModel, rotor: Array, wanted: Array) -> tuple[Array, Array]:
+    """Rotor speeds after a period and their mean square: the motors' lag, driven beyond the goal within its limits."""
+    mean_square = np.zeros_like(rotor)
+    for _ in range(model.substeps):
+        command = np.clip(rotor + overdrive(model) * (wanted - rotor), 0.0, model.rotor_max_radps)
+        rotor = _lag(rotor, command, model.substep_s, model.motor_lag_s)
+        mean_square = mean_square + rotor**2 / model.substeps
+    return rotor, mean_square
 
 
 def step(
     model: QuadrotorModel, state: RigidState, memory: Memory, command: Command
 ) -> tuple[Array, Array, Memory]:
-    """One physics step of the actuators of N agents.
+    """One period of the inner loop of N agents.
 
     Returns the force (N,3) without gravity and the torque (N,3), both in the world frame, to be held on the
-    bodies during the step, and the actuators' memory after it.
+    bodies during the period, and the memory after it; its gimbal has yet to move with `turn_gimbal`.
     """
     r = to_matrix(state.q)
     w = np.einsum("nji,nj->ni", r, state.w_world)
@@ -195,21 +213,28 @@ def step(
     allocation = mixer(model)
     wanted = np.linalg.solve(allocation, np.concatenate([thrust[:, None], tau], axis=1).T).T
     rotor_command = np.sqrt(np.clip(wanted, 0.0, model.rotor_max_radps**2))
-    rotor = _turn_rotors(model, memory.rotor, rotor_command)
-    made = rotor**2 @ allocation.T
+    rotor, mean_square = _turn_rotors(model, memory.rotor, rotor_command)
+    made = mean_square @ allocation.T
     air = np.einsum("nji,nj->ni", r, state.v - command.wind)
     body_force = -model.drag_n_per_mps * air
     body_force[:, 2] += made[:, 0]
     force_world = np.einsum("nij,nj->ni", r, body_force)
     torque_world = np.einsum("nij,nj->ni", r, made[:, 1:])
-    theta, rate = gimbal.step(
-        memory.theta,
-        memory.theta_rate,
-        command.w_cam,
-        w,
-        model.dt_s,
-        model.gimbal_rate_max_radps,
-        model.gimbal_lag_s,
-        model.gimbal_pan_max_rad,
-    )
-    return force_world, torque_world, Memory(rotor, theta, rate, integral, r_desired[:, :, 2], axis_rate)
+    after = Memory(rotor, memory.theta, memory.theta_rate, integral, r_desired[:, :, 2], axis_rate)
+    return force_world, torque_world, after
+
+
+def turn_gimbal(
+    model: QuadrotorModel, memory: Memory, w_cam: Array, w_before: Array, w_after: Array
+) -> Memory:
+    """Move the gimbals of N agents through one period in which the body's rate went from one value to the other.
+
+    ``w_cam`` (N,3) is the commanded rate in the camera frame; ``w_before``, ``w_after`` (N,3) are in the body frame.
+    Under constant torque the rate changes almost linearly; each substep sees its mean.
+    """
+    theta, rate = memory.theta, memory.theta_rate
+    limits = (model.gimbal_rate_max_radps, model.gimbal_lag_s, model.gimbal_pan_max_rad)
+    for k in range(model.substeps):
+        w = w_before + (k + 0.5) / model.substeps * (w_after - w_before)
+        theta, rate = gimbal.step(theta, rate, w_cam, w, model.substep_s, *limits)
+    return replace(memory, theta=theta, theta_rate=rate)

@@ -1,4 +1,4 @@
-"""Compiled twin of `camnet.control.quadrotor.step` (its test oracle): one call, all agents, packed arrays.
+"""Compiled twin of `camnet.control.quadrotor` (its test oracle): one call, all agents, packed arrays.
 
 | array | row of one agent |
 | --- | --- |
@@ -6,7 +6,7 @@
 | ``memory`` (N,19), updated in place | rotor speeds (4), gimbal angles (3) and rates (3), velocity integral (3),
 | | desired thrust direction (3) and its angular velocity (3) |
 | ``command`` (N,13) | camera velocity (3), reference acceleration (3), camera angular velocity (3), yaw, wind (3) |
-| ``constants`` (26,) | see `pack_model` |
+| ``constants`` (27,) | see `pack_model` |
 | ``wrench`` (N,6), written | force (3) and torque (3), world frame |
 """
 
@@ -20,7 +20,7 @@ from numba import njit
 from camnet.control.quadrotor import AXIS_RATE_LAG_S, AXIS_RATE_MAX_RADPS, QuadrotorModel, overdrive
 from camnet.types import Array
 
-__all__ = ["MEMORY", "pack_model", "step_packed"]
+__all__ = ["MEMORY", "pack_model", "step_packed", "turn_gimbals"]
 
 #: columns of ``memory``
 MEMORY = {
@@ -36,14 +36,14 @@ MEMORY = {
 def pack_model(model: QuadrotorModel) -> Array:
     """Constants of the kernel, in its order."""
     m = model
-    rotor_decay = math.exp(-m.dt_s / m.motor_lag_s) if m.motor_lag_s > 0 else 0.0
-    gimbal_decay = math.exp(-m.dt_s / m.gimbal_lag_s) if m.gimbal_lag_s > 0 else 0.0
+    rotor_decay = math.exp(-m.substep_s / m.motor_lag_s) if m.motor_lag_s > 0 else 0.0
+    gimbal_decay = math.exp(-m.substep_s / m.gimbal_lag_s) if m.gimbal_lag_s > 0 else 0.0
     scalars = [m.dt_s, m.mass_kg, *m.inertia_kgm2, m.arm_m / math.sqrt(2.0), m.thrust_coefficient]
     scalars += [m.torque_coefficient, m.rotor_max_radps, rotor_decay, *m.drag_n_per_mps, m.gravity_mps2]
     scalars += [m.v_max_mps, m.a_max_mps2, m.velocity_gain_per_s, m.velocity_integral_per_s2]
     scalars += [m.attitude_radps**2, 2 * m.attitude_damping * m.attitude_radps]
     scalars += [m.gimbal_rate_max_radps, gimbal_decay, m.gimbal_pan_max_rad, overdrive(m)]
-    scalars += [math.exp(-m.dt_s / AXIS_RATE_LAG_S), AXIS_RATE_MAX_RADPS]
+    scalars += [math.exp(-m.dt_s / AXIS_RATE_LAG_S), AXIS_RATE_MAX_RADPS, float(m.substeps)]
     return np.array(scalars)
 
 
@@ -139,8 +139,8 @@ def _attitude_torque(r: Array, f: Array, yaw: float, w: Array, memory: Array, c:
 
 @njit(cache=True)
 def _turn_rotors(memory: Array, thrust: float, tau: Array, c: Array) -> Array:
-    """Allocate, saturate and lag the rotor speeds; returns the thrust and body torque they make."""
-    arm, k, kq, fastest, decay = c[5], c[6], c[7], c[8], c[9]
+    """Allocate, saturate and lag the rotor speeds; returns the mean thrust and body torque they make."""
+    arm, k, kq, fastest, decay, substeps = c[5], c[6], c[7], c[8], c[9], int(c[26])
     made = np.zeros(4)
     for i in range(4):
         sx = 1.0 if i == 0 or i == 3 else -1.0
@@ -148,21 +148,25 @@ def _turn_rotors(memory: Array, thrust: float, tau: Array, c: Array) -> Array:
         spin = 1.0 if i % 2 == 0 else -1.0
         square = 0.25 * (thrust / k + sy * tau[0] / (arm * k) - sx * tau[1] / (arm * k) + spin * tau[2] / kq)
         goal = math.sqrt(min(max(square, 0.0), fastest * fastest))
-        goal = min(max(memory[i] + c[23] * (goal - memory[i]), 0.0), fastest)
-        speed = goal + (memory[i] - goal) * decay
+        speed, mean_square = memory[i], 0.0
+        for _ in range(substeps):
+            command = min(max(speed + c[23] * (goal - speed), 0.0), fastest)
+            speed = command + (speed - command) * decay
+            mean_square += speed * speed
         memory[i] = speed
-        lift = k * speed * speed
+        mean_square /= substeps
+        lift = k * mean_square
         made[0] += lift
         made[1] += arm * sy * lift
         made[2] -= arm * sx * lift
-        made[3] += kq * spin * speed * speed
+        made[3] += kq * spin * mean_square
     return made
 
 
 @njit(cache=True)
 def _turn_gimbal(memory: Array, command: Array, w: Array, c: Array) -> None:
-    """Move the joints by the commanded angular velocity less what the body's rotation already does."""
-    dt, fastest, decay, pan_max = c[0], c[20], c[21], c[22]
+    """Move the joints for a substep by the commanded rate less what the body's rotation already does."""
+    dt, fastest, decay, pan_max = c[0] / c[26], c[20], c[21], c[22]
     c0, s0 = math.cos(memory[4]), math.sin(memory[4])
     c1, s1 = math.cos(memory[5]), math.sin(memory[5])
     c2, s2 = math.cos(memory[6]), math.sin(memory[6])
@@ -185,7 +189,7 @@ def _turn_gimbal(memory: Array, command: Array, w: Array, c: Array) -> None:
 
 @njit(cache=True)
 def step_packed(bodies: Array, memory: Array, command: Array, constants: Array, wrench: Array) -> None:
-    """One physics step of the actuators of all agents; see the module's table."""
+    """One period of the inner loop of all agents; see the module's table. The gimbals move with `turn_gimbals`."""
     c = constants
     w = np.empty(3)
     local = np.empty(3)
@@ -206,4 +210,20 @@ def step_packed(bodies: Array, memory: Array, command: Array, constants: Array, 
         for i in range(3):
             wrench[n, i] = r[i, 0] * local[0] + r[i, 1] * local[1] + r[i, 2] * local[2]
             wrench[n, 3 + i] = r[i, 0] * made[1] + r[i, 1] * made[2] + r[i, 2] * made[3]
-        _turn_gimbal(mem, cmd, w, c)
+
+
+@njit(cache=True)
+def turn_gimbals(before: Array, after: Array, memory: Array, command: Array, constants: Array) -> None:
+    """Move all gimbals through the period in which the bodies (N,13) went from ``before`` to ``after``."""
+    c = constants
+    substeps = int(c[26])
+    w, w0, w1 = np.empty(3), np.empty(3), np.empty(3)
+    for n in range(before.shape[0]):
+        r0, r1 = _rotation(before[n]), _rotation(after[n])
+        for i in range(3):
+            w0[i] = r0[0, i] * before[n, 10] + r0[1, i] * before[n, 11] + r0[2, i] * before[n, 12]
+            w1[i] = r1[0, i] * after[n, 10] + r1[1, i] * after[n, 11] + r1[2, i] * after[n, 12]
+        for k in range(substeps):
+            for i in range(3):
+                w[i] = w0[i] + (k + 0.5) / substeps * (w1[i] - w0[i])
+            _turn_gimbal(memory[n], command[n], w, c)

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from camnet.geometry.regions import Region
     from camnet.motion.protocol import TargetMotion
 
+#: the inner loop's attitude control needs at least this rate
+FLIGHT_HZ_LEAST = 60.0
+
 __all__ = ["AgentSpec", "CameraSpec", "OccluderSpec", "TargetSpec", "WorldDescription"]
 
 
@@ -80,7 +83,8 @@ class WorldDescription:
     Raises
     ------
     WorldError
-        Two bodies share a name, or ``physics.step_hz`` is no multiple of ``control_hz``.
+        Two bodies share a name, ``physics.step_hz`` is no multiple of ``control_hz``, or ``physics.flight_hz`` does
+        not lie between them as a multiple and a divisor.
     """
 
     physics: PhysicsSettings
@@ -103,8 +107,27 @@ class WorldDescription:
                 f"physics.step_hz = {self.physics.step_hz} must be a whole multiple of "
                 f"controller.rate_hz = {self.control_hz:g}"
             )
+        flight = self.physics.flight_hz
+        if flight is not None and flight not in self._flight_rates():
+            raise WorldError(
+                f"physics.flight_hz = {flight} must be a whole multiple of controller.rate_hz = "
+                f"{self.control_hz:g} and divide physics.step_hz = {self.physics.step_hz}: one of "
+                f"{', '.join(f'{rate:g}' for rate in self._flight_rates())}"
+            )
 
     @property
     def substeps(self) -> int:
         """Physics steps in one control period."""
         return round(self.physics.step_hz / self.control_hz)
+
+    @property
+    def flight_substeps(self) -> int:
+        """Physics steps in one period of the quadrotors' inner loop."""
+        rates = self._flight_rates()
+        chosen = self.physics.flight_hz or next((r for r in rates if r >= FLIGHT_HZ_LEAST), rates[-1])
+        return round(self.physics.step_hz / chosen)
+
+    def _flight_rates(self) -> list[float]:
+        """Rates at which the inner loop can run, rising."""
+        periods = (k for k in range(1, self.substeps + 1) if self.substeps % k == 0)
+        return [k * self.control_hz for k in periods]

@@ -65,11 +65,14 @@ class PhysicsSettings(Settings):
     ``actuation: quadrotor`` flies the rigid body with its inner loop; ``kinematic`` is the thesis' model
     (4-1), (4-2): the camera moves as commanded plus a bounded disturbance of norm ``disturbance`` (m/s for the
     linear part, rad/s for the angular part). ``speed_limit_mps`` and ``range_limit_m`` (distance from the start)
-    are where a body counts as diverged.
+    are where a body counts as diverged. The quadrotors' inner loop runs at ``flight_hz``, which divides ``step_hz``
+    and is a multiple of the control rate (None: the lowest such rate that is at least 60 Hz); rotors and gimbals
+    follow at ``step_hz``.
     """
 
     backend: Literal["pybullet"] = "pybullet"
     step_hz: Annotated[int, Field(gt=0)] = 240
+    flight_hz: Annotated[int, Field(gt=0)] | None = None
     gravity_mps2: NonNegative = 9.81
     actuation: Literal["quadrotor", "kinematic"] = "quadrotor"
     disturbance: NonNegative = 0.02

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from camnet.control import gimbal
-from camnet.control.quadrotor import Command, Memory, QuadrotorModel, RigidState, mixer, step
-from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed
+from camnet.control.quadrotor import Command, Memory, QuadrotorModel, RigidState, mixer, step, turn_gimbal
+from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed, turn_gimbals
 from camnet.geometry.rotations import exp, multiply, normalise, to_matrix
 
 
@@ -39,11 +41,11 @@ def make_model(**changes) -> QuadrotorModel:
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
-@pytest.mark.parametrize("lags", [(0.03, 0.02), (0.0, 0.0)])
-def test_kernel_equals_numpy(scale, lags):
+@pytest.mark.parametrize(("lags", "substeps"), [((0.03, 0.02), 1), ((0.0, 0.0), 2), ((0.03, 0.005), 4)])
+def test_kernel_equals_numpy(scale, lags, substeps):
     rng = np.random.default_rng(1)
     n = 40
-    model = make_model(motor_lag_s=lags[0], gimbal_lag_s=lags[1])
+    model = make_model(dt_s=substeps / 240, substeps=substeps, motor_lag_s=lags[0], gimbal_lag_s=lags[1])
     state = RigidState(
         rng.normal(size=(n, 3)),
         normalise(rng.normal(size=(n, 4))),
@@ -53,6 +55,9 @@ def test_kernel_equals_numpy(scale, lags):
     memory = Memory(*(scale * rng.normal(size=(n, k)) for k in (4, 3, 3, 3, 3, 3)))
     command = Command(*(scale * rng.normal(size=s) for s in ((n, 3), (n, 3), (n, 3), n, (n, 3))))
     force, torque, after = step(model, state, memory, command)
+    moved = replace(state, q=normalise(rng.normal(size=(n, 4))), w_world=scale * rng.normal(size=(n, 3)))
+    rates = [np.einsum("nji,nj->ni", to_matrix(s.q), s.w_world) for s in (state, moved)]
+    after = turn_gimbal(model, after, command.w_cam, *rates)
 
     bodies = np.hstack([state.p, np.roll(state.q, -1, axis=1), state.v, state.w_world])
     packed = np.hstack([getattr(memory, name) for name in MEMORY])
@@ -61,9 +66,34 @@ def test_kernel_equals_numpy(scale, lags):
     )
     wrench = np.full((n, 6), np.nan)
     step_packed(bodies, packed, packed_command, pack_model(model), wrench)
+    bodies_after = np.hstack([moved.p, np.roll(moved.q, -1, axis=1), moved.v, moved.w_world])
+    turn_gimbals(bodies, bodies_after, packed, packed_command, pack_model(model))
     np.testing.assert_allclose(wrench, np.hstack([force, torque]), rtol=1e-9, atol=1e-9)
     for name in MEMORY:
         np.testing.assert_allclose(packed[:, MEMORY[name]], getattr(after, name), rtol=1e-9, atol=1e-9)
+
+
+def test_substeps_are_the_rotors_and_gimbals_own_steps():
+    """A period of four substeps turns rotors and gimbal as four periods of one do while the goal stays the same."""
+    hover = np.sqrt(1.1 * 9.81 / 4 / 6e-6)
+    memory = Memory(np.full((1, 4), 0.9 * hover), *np.zeros((2, 1, 3)), *np.zeros((3, 1, 3)))
+    memory = replace(memory, thrust_axis=np.array([[0.0, 0.0, 1.0]]))
+    state = RigidState(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 3)), np.zeros((1, 3)))
+    command = Command(*np.zeros((3, 1, 3)), np.zeros(1), np.zeros((1, 3)))
+    coarse = make_model(dt_s=4 / 240, substeps=4, velocity_integral_per_s2=0.0)
+    fine = make_model(velocity_integral_per_s2=0.0)
+    force, _, once = step(coarse, state, memory, command)
+    forces = []
+    for _ in range(4):
+        f, _, memory = step(fine, state, memory, command)
+        forces.append(f)
+    np.testing.assert_allclose(force, np.mean(forces, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(once.rotor, memory.rotor, rtol=1e-12)
+    turn = np.array([[0.3, -0.4, 0.2]])
+    once = turn_gimbal(coarse, once, turn, *np.zeros((2, 1, 3)))
+    for _ in range(4):
+        memory = turn_gimbal(fine, memory, turn, *np.zeros((2, 1, 3)))
+    np.testing.assert_allclose(once.theta, memory.theta, rtol=1e-12)
 
 
 def test_mixer_is_cross_product_of_arms_and_lifts():

@@ -6,8 +6,10 @@ import numpy as np
 import pybullet as pb
 import pytest
 from scipy.integrate import solve_ivp
+from world_parts import describe
 
 from camnet.control.gimbal import camera_from_body
+from camnet.errors import WorldError
 from camnet.geometry.rotations import conjugate, kinematic_matrix, log, multiply, rotate, to_matrix
 from camnet.world import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
@@ -50,6 +52,69 @@ def test_free_flight_follows_newton_and_euler():
     np.testing.assert_allclose(v, end[3:6], atol=2e-3)
     assert np.linalg.norm(log(multiply(conjugate(end[6:10]), q_engine))) < 0.02
     np.testing.assert_allclose(w, rotate(end[6:10], end[10:]), atol=0.03)
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 4])
+def test_wrench_and_gravity_act_in_every_substep(substeps):
+    """One call of the engine with substeps moves a body exactly as the same wrench held over as many single steps.
+
+    The oracle integrates as the engine says it does, velocity first, position with the new velocity.
+    """
+    physics, inertia, dt = PhysicsSettings(), np.array([0.01, 0.012, 0.018]), 1 / 240
+    engine = Engine(physics, substeps)
+    body = engine.add(
+        "b", cylinder(0.2, 0.1, np.zeros(3)), (0, 0, 10), np.array([1.0, 0, 0, 0]), (1,) * 4, 1.1
+    )
+    engine.make_free(body, 1.1, inertia.tolist())
+    v, p, force, spin, turn = np.zeros(3), np.array([0, 0, 10.0]), np.array([0.4, -0.3, 12.0]), 0.0, 0.0
+    for _ in range(24 // substeps):
+        where, _ = pb.getBasePositionAndOrientation(body, engine.client)
+        pb.applyExternalForce(body, -1, force, where, pb.WORLD_FRAME, engine.client)
+        pb.applyExternalTorque(body, -1, (0, 0, 0.02), pb.WORLD_FRAME, engine.client)
+        pb.stepSimulation(engine.client)
+    for _ in range(24):
+        v = v + dt * (force / 1.1 - [0, 0, 9.81])
+        p = p + dt * v
+        spin += dt * 0.02 / inertia[2]
+        turn += dt * spin
+    where, q = pb.getBasePositionAndOrientation(body, engine.client)
+    speed, rate = pb.getBaseVelocity(body, engine.client)
+    engine.close()
+    np.testing.assert_allclose(where, p, atol=1e-9)
+    np.testing.assert_allclose(speed, v, atol=1e-9)
+    np.testing.assert_allclose(rate, [0, 0, spin], atol=1e-9)
+    assert 2 * np.arctan2(q[2], q[3]) == pytest.approx(turn, abs=1e-6)
+
+
+@pytest.mark.parametrize(("flight_hz", "substeps"), [(None, 4), (60, 4), (120, 2), (240, 1)])
+def test_inner_loop_rate(flight_hz, substeps):
+    assert describe(flight_hz=flight_hz).flight_substeps == substeps
+
+
+def test_inner_loop_rate_fits_a_slow_controller():
+    assert describe(control_hz=30).flight_substeps == 4
+    assert describe(control_hz=24).flight_substeps == 2  # 120 Hz: 72 Hz does not divide 240 Hz
+
+
+@pytest.mark.parametrize("flight_hz", [30, 80, 480])
+def test_inner_loop_rate_that_does_not_fit(flight_hz):
+    with pytest.raises(WorldError, match=f"flight_hz = {flight_hz}.*60, 120, 240"):
+        describe(flight_hz=flight_hz)
+
+
+@pytest.mark.parametrize("flight_hz", [60, 240])
+def test_slow_inner_loop_flies_like_the_fast_one(open_world, flight_hz):
+    """A camera follows a changing velocity within a few mm/s whatever the inner loop's rate, and turns as told."""
+    world, before = open_world(flight_hz=flight_hz)
+    turn, slips = np.array([[0.3, -0.2, 0.1]] * 2), []
+    for k in range(120):
+        v = np.array([[0.5 * np.sin(k / 20), 0.3 * np.cos(k / 30), 0.0]] * 2)
+        a = np.array([[1.5 * np.cos(k / 20), -0.6 * np.sin(k / 30), 0.0]] * 2)
+        before, now = world._snapshot, world.step(CameraCommand(v, turn, a))
+        slips.append(np.linalg.norm(now.camera_v_world - v, axis=1).max())
+        rate = 60 * log(multiply(conjugate(before.camera_q_world), now.camera_q_world))
+        assert k < 30 or np.abs(rate - turn).max() < 0.08
+    assert max(slips[60:]) < 0.05
 
 
 def test_hovers_without_moving(open_world):

@@ -32,10 +32,16 @@ def xyzw(q: Array) -> tuple[float, float, float, float]:
 
 
 class Engine:
-    """A headless PyBullet client with fixed step, fixed solver iterations, no damping and no sleeping."""
+    """A headless PyBullet client with fixed step, fixed solver iterations, no damping and no sleeping.
 
-    def __init__(self, physics: PhysicsSettings) -> None:
-        self._physics = physics
+    Parameters
+    ----------
+    physics : step and gravity
+    substeps : physics steps that one call of the engine takes; forces, torques and gravity act in all of them
+    """
+
+    def __init__(self, physics: PhysicsSettings, substeps: int = 1) -> None:
+        self._physics, self._substeps = physics, substeps
         self.client: int = pb.connect(pb.DIRECT)
         if self.client < 0:
             raise WorldError("PyBullet gave no physics client; too many worlds are open: close() some")
@@ -49,9 +55,9 @@ class Engine:
         gravity = self._physics.gravity_mps2 if self._physics.actuation == "quadrotor" else 0.0
         pb.setGravity(0.0, 0.0, -gravity, physicsClientId=c)
         pb.setPhysicsEngineParameter(
-            fixedTimeStep=1.0 / self._physics.step_hz,
+            fixedTimeStep=self._substeps / self._physics.step_hz,
             numSolverIterations=_SOLVER_ITERATIONS,
-            numSubSteps=1,
+            numSubSteps=self._substeps,
             deterministicOverlappingPairs=1,
             physicsClientId=c,
         )

@@ -6,7 +6,7 @@ import numpy as np
 import pybullet as pb
 
 from camnet.control.quadrotor import QuadrotorModel
-from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed
+from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed, turn_gimbals
 from camnet.types import Array
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
@@ -15,11 +15,12 @@ from camnet.world.settings import PhysicsSettings, WindSettings
 __all__ = ["Flight", "model_from_settings"]
 
 
-def model_from_settings(physics: PhysicsSettings) -> QuadrotorModel:
-    """Constants of the inner loop."""
+def model_from_settings(physics: PhysicsSettings, substeps: int = 1) -> QuadrotorModel:
+    """Constants of the inner loop, one period of which takes ``substeps`` physics steps."""
     q, g = physics.quadrotor, physics.gimbal
     return QuadrotorModel(
-        dt_s=1.0 / physics.step_hz,
+        dt_s=substeps / physics.step_hz,
+        substeps=substeps,
         mass_kg=q.mass_kg,
         inertia_kgm2=np.array(q.inertia_kgm2),
         arm_m=q.arm_m,
@@ -48,10 +49,11 @@ class Flight:
     ``bodies`` (N,13) and ``memory`` (N,19) are the packed state of `camnet.control.quadrotor_kernel`.
     """
 
-    def __init__(self, engine: Engine, physics: PhysicsSettings, control_dt_s: float) -> None:
+    def __init__(self, engine: Engine, physics: PhysicsSettings, control_dt_s: float, substeps: int) -> None:
         self._engine = engine
         self._physics = physics
-        self._model = model_from_settings(physics)
+        self._model = model_from_settings(physics, substeps)
+        self._periods = round(control_dt_s / self._model.dt_s)
         self._constants = pack_model(self._model)
         self._control_dt_s = control_dt_s
         self._numbers: list[int] = []
@@ -105,13 +107,13 @@ class Flight:
         self._gust = decay * self._gust + np.sqrt(1.0 - decay * decay) * noise
         return self._mean_wind + self._gust
 
-    def step(self, command: CameraCommand, substeps: int) -> set[tuple[str, str]]:
+    def step(self, command: CameraCommand) -> set[tuple[str, str]]:
         """Fly for one control period; returns the pairs of names that touched."""
         self._prepare(command)
         c, world_frame = self._engine.client, pb.WORLD_FRAME
         push, twist, advance = pb.applyExternalForce, pb.applyExternalTorque, pb.stepSimulation
         touched: set[tuple[str, str]] = set()
-        for _ in range(substeps):
+        for _ in range(self._periods):
             step_packed(self.bodies, self.memory, self._command, self._constants, self._wrench)
             wrenches, points = self._wrench.tolist(), self.bodies[:, :3].tolist()
             for body, wrench, point in zip(self._numbers, wrenches, points, strict=True):
@@ -119,5 +121,7 @@ class Flight:
                 twist(body, -1, wrench[3:], world_frame, c)
             advance(c)
             touched |= self._engine.contacts()
+            before = self.bodies
             self._read()
+            turn_gimbals(before, self.bodies, self.memory, self._command, self._constants)
         return touched

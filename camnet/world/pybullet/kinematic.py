@@ -30,8 +30,8 @@ def disturbance(t_s: float, amplitude: float, frequency: Array, phase: Array) ->
 class KinematicMotion:
     """Kinematic actuation of N agents; ``camera`` (N,13) is p, q (scalar first), v (world), w (camera)."""
 
-    def __init__(self, engine: Engine, physics: PhysicsSettings) -> None:
-        self._engine = engine
+    def __init__(self, engine: Engine, physics: PhysicsSettings, substeps: int) -> None:
+        self._engine, self._substeps = engine, substeps
         self._physics = physics
         self._offset = np.array(physics.gimbal.offset_m)
 
@@ -63,12 +63,12 @@ class KinematicMotion:
             self._engine.place(number, body[:3], body[3:7])
             pb.resetBaseVelocity(number, (0, 0, 0), (0, 0, 0), self._engine.client)
 
-    def step(self, command: CameraCommand, substeps: int) -> set[tuple[str, str]]:
+    def step(self, command: CameraCommand) -> set[tuple[str, str]]:
         """Move for one control period; returns the pairs of names that touched."""
         dt, n = 1.0 / self._physics.step_hz, len(self._numbers)
         p, q = self.camera[:, :3], self.camera[:, 3:7]
         v, w = np.zeros((n, 3)), np.zeros((n, 3))
-        for _ in range(substeps):
+        for _ in range(self._substeps):
             d = disturbance(self._steps * dt, self._physics.disturbance, self._frequency, self._phase)
             v, w = command.v_world + d[:, :3], command.w_cam + d[:, 3:]
             p = p + dt * v

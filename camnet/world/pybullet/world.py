@@ -58,10 +58,10 @@ class PyBulletWorld:
         )
         quad = d.physics.quadrotor
         self._agent_radius = float(np.hypot(quad.arm_m, quad.height_m / 2) + 1e-3)
-        self._engine = Engine(d.physics)
-        self._flight = Flight(self._engine, d.physics, self.control_dt_s)
-        self._kinematic = KinematicMotion(self._engine, d.physics)
         self._is_kinematic = d.physics.actuation == "kinematic"
+        self._engine = Engine(d.physics, 1 if self._is_kinematic else d.flight_substeps)
+        self._flight = Flight(self._engine, d.physics, self.control_dt_s, d.flight_substeps)
+        self._kinematic = KinematicMotion(self._engine, d.physics, d.substeps)
         self._snapshot: Snapshot | None = None
 
     def reset(self, rng: np.random.Generator) -> Snapshot:
@@ -89,10 +89,9 @@ class PyBulletWorld:
         """Advance by one control period; see the protocol."""
         self._check_command(command)
         self._move_targets()
-        substeps = self.description.substeps
         actuation = self._kinematic if self._is_kinematic else self._flight
-        touched = actuation.step(command, substeps)
-        self._step += substeps
+        touched = actuation.step(command)
+        self._step += self.description.substeps
         self._t_s = self._step / self.description.physics.step_hz
         self._check_state(actuation.bodies)
         return self._observe(tuple(sorted(touched)))
