@@ -1,15 +1,22 @@
-"""From a simulation to what each agent observes: estimates, never the truth (except the agent's own state)."""
+"""From a simulation to what each agent observes: estimates, never the truth (except the agent's own state).
+
+`Observer.readable` says field by field what is shown; `Observer.observe` does the same in one compiled call.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from camnet.env.layout import Observation, ObservationLayout
+from camnet.env.observe_kernel import write_observations
 from camnet.env.settings import EnvSettings
 from camnet.geometry.rotations import gaze_angles, rotate, yaw_of
 from camnet.simulation.certificates import view_radius
 from camnet.simulation.entries import Entry
 from camnet.simulation.loop import NetworkSimulation
+from camnet.simulation.network import Network
 from camnet.types import Array
 
 __all__ = ["Observer"]
@@ -37,9 +44,70 @@ class Observer:
         self._network_center, self._network_half = corners.mean(axis=0), np.ptp(corners, axis=0) / 2
         self._speeds = np.array([target.v_max_mps for target in network.scenario.targets])
         self._view_radius = np.array([view_radius(network, j) for j in range(network.n_agents)])
+        self._pack(network)
+
+    def _pack(self, network: Network) -> None:
+        """Lay out the constants of the compiled observation."""
+        n = network.n_agents
+        in_network = (self.centers[:n] - self._network_center) / self._network_half
+        size = self.half_sizes[:n] / self._network_half
+        self._agents = np.hstack(
+            [self.centers[:n], self.half_sizes[:n], in_network, size, self._view_radius[:, None]]
+        )
+        self._scales = np.array(
+            [
+                network.scenario.controller.reference_v_max_mps,
+                self.settings.gaze_max_rad,
+                network.scenario.handoff.lookahead_s,
+                self.settings.communication_range_m,
+                0.0,
+            ]
+        )
+        self._estimates = np.zeros((network.n_targets, 14))
+        self._estimates[:, 13] = self._speeds
+        self._entries = np.zeros((network.n_targets, n, 9))
+        self._entries_of: list[list[Entry | None]] | None = None
 
     def observe(self, simulation: NetworkSimulation, entries: list[list[Entry | None]]) -> list[Observation]:
         """Observations of all N agents; ``entries[m][j]`` are the predicted entries."""
+        truth, rows = simulation.snapshot, self._estimates
+        for m, filter_ in enumerate(simulation.driving):
+            e, row = filter_.estimate, rows[m]
+            row[:3], row[3:6], row[6:10] = e.p_world, e.v_world, e.q_world
+            row[10], row[11], row[12] = e.radius_m, e.last_seen_s, float(math.isfinite(e.last_seen_s))
+        if entries is not self._entries_of:  # they are renewed less often than they are shown
+            self._entries_of = entries
+            self._pack_entries(entries)
+        self._scales[4] = truth.t_s
+        return list(
+            write_observations(
+                truth.camera_p_world,
+                truth.camera_q_world,
+                truth.camera_v_world,
+                self._agents,
+                rows,
+                self._entries,
+                simulation.network.containment(rows[:, :3]),
+                simulation.visible,
+                self._scales,
+                self.neighbours,
+                self.layout.low,
+                self.layout.high,
+            )
+        )
+
+    def _pack_entries(self, entries: list[list[Entry | None]]) -> None:
+        packed = self._entries
+        packed[...] = 0.0
+        for m, row in enumerate(entries):
+            for j, entry in enumerate(row[: packed.shape[1]]):
+                if entry is not None:
+                    packed[m, j, 0] = 1.0 if entry.direct else 0.5
+                    packed[m, j, 1:4], packed[m, j, 4:7] = entry.p_world, entry.v_world
+                    packed[m, j, 7], packed[m, j, 8] = entry.t_s, entry.radius_m
+
+    def readable(self, simulation: NetworkSimulation, entries: list[list[Entry | None]]) -> list[Observation]:
+        """Do what `observe` does, one named field at a time."""
         return [self._agent(simulation, entries, j) for j in range(simulation.network.n_agents)]
 
     def _agent(self, simulation: NetworkSimulation, entries: list[list[Entry | None]], j: int) -> Observation:
