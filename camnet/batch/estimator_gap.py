@@ -1,0 +1,211 @@
+"""The path across a gap into the stack, in rows of arrays: compiled twin of `camnet.estimation.gap`, its oracle.
+
+Ends are arrays (14,): t, p, q, v (world), w (body).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from camnet.batch.estimator_field import kernels_at, workspace
+from camnet.batch.estimator_layout import (
+    GAP,
+    GAP_ENTRY,
+    GAP_MODEL,
+    GAPS_LEARNED,
+    GATE,
+    HELD,
+    EstimatorSetup,
+    EstimatorState,
+)
+from camnet.batch.estimator_learn import fit_motion, misfit
+from camnet.batch.estimator_model import activate, forget, learn_window
+from camnet.batch.triples import Triple, cross, multiply, rotation_vector, size, turn
+from camnet.estimation.gap import SUBSTEPS
+from camnet.estimation.learner import KNOWN_WITHIN
+from camnet.estimation.propagate import COLUMNS, UNIT
+from camnet.types import Array
+
+__all__ = ["learn_gap"]
+
+
+@njit(cache=True, nogil=True)
+def _whole_turn(exit_: Array, entry: Array) -> Triple:
+    """Rotation vector from exit to entry, with the number of full turns that the body rates suggest."""
+    back = (exit_[4], -exit_[5], -exit_[6], -exit_[7])
+    theta = rotation_vector(multiply(back, (entry[4], entry[5], entry[6], entry[7])))
+    half = 0.5 * (entry[0] - exit_[0])
+    expected = (
+        half * (exit_[11] + entry[11]),
+        half * (exit_[12] + entry[12]),
+        half * (exit_[13] + entry[13]),
+    )
+    angle, spin = size(theta[0], theta[1], theta[2]), size(expected[0], expected[1], expected[2])
+    if angle > 1e-9:
+        axis = (theta[0] / angle, theta[1] / angle, theta[2] / angle)
+    elif spin > 1e-9:
+        axis = (expected[0] / spin, expected[1] / spin, expected[2] / spin)
+    else:
+        return theta
+    along = expected[0] * axis[0] + expected[1] * axis[1] + expected[2] * axis[2]
+    whole = angle + 2.0 * math.pi * round((along - angle) / (2.0 * math.pi))
+    return whole * axis[0], whole * axis[1], whole * axis[2]
+
+
+@njit(cache=True, nogil=True)
+def _rotation_vector_rate(theta: Triple, w: Triple) -> Triple:
+    """Rate of the rotation vector ``theta`` whose body rate is ``w``: the inverse right Jacobian."""
+    angle = size(theta[0], theta[1], theta[2])
+    x = cross(theta, w)
+    if angle < 1e-4:
+        return w[0] + 0.5 * x[0], w[1] + 0.5 * x[1], w[2] + 0.5 * x[2]
+    half = 0.5 * angle
+    sine = math.sin(half)
+    if abs(sine) < 1e-3:
+        return w
+    f = (1.0 - half * math.cos(half) / sine) / angle**2
+    y = cross(theta, x)
+    return w[0] + 0.5 * x[0] + f * y[0], w[1] + 0.5 * x[1] + f * y[1], w[2] + 0.5 * x[2] + f * y[2]
+
+
+@njit(cache=True, nogil=True)
+def _hermite(u: float, x0: float, d0: float, x1: float, d1: float) -> float:
+    """Cubic through x0, x1 with the derivatives d0, d1 in [0, 1]."""
+    v = (1.0 - u) ** 2
+    return (1.0 + 2.0 * u) * v * x0 + u * v * d0 + u**2 * (3.0 - 2.0 * u) * x1 + u**2 * (u - 1.0) * d1
+
+
+@njit(cache=True, nogil=True)
+def _path(exit_: Array, entry: Array, points: int) -> Array:
+    """Positions and orientations (points, 7) across the gap."""
+    duration = entry[0] - exit_[0]
+    theta = _whole_turn(exit_, entry)
+    rate = _rotation_vector_rate(theta, (entry[11], entry[12], entry[13]))
+    q0 = (exit_[4], exit_[5], exit_[6], exit_[7])
+    out = np.empty((points, 7))
+    angles = np.empty(3)
+    for i in range(points):
+        u = i / (points - 1)
+        for a in range(3):
+            out[i, a] = _hermite(
+                u, exit_[1 + a], duration * exit_[8 + a], entry[1 + a], duration * entry[8 + a]
+            )
+            angles[a] = _hermite(u, 0.0, duration * exit_[11 + a], theta[a], duration * rate[a])
+        q = multiply(q0, turn(angles[0], angles[1], angles[2]))
+        dot = 1.0
+        if i > 0:
+            dot = out[i - 1, 3] * q[0] + out[i - 1, 4] * q[1] + out[i - 1, 5] * q[2] + out[i - 1, 6] * q[3]
+        sign = -1.0 if dot < 0.0 else 1.0
+        for a in range(4):
+            out[i, 3 + a] = sign * q[a]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _path_psd(c: EstimatorSetup, exit_: Array, entry: Array) -> float:
+    """Power spectral density of the unknown acceleration, raised to what the ends contradict."""
+    duration = entry[0] - exit_[0]
+    against = 0.0
+    for a in range(3):
+        against += (entry[1 + a] - exit_[1 + a] - 0.5 * duration * (exit_[8 + a] + entry[8 + a])) ** 2
+    return max(c.accel_psd_m2ps3, 12.0 * against / (3.0 * duration**3))
+
+
+@njit(cache=True, nogil=True)
+def _add_regressor(
+    c: EstimatorSetup, s: EstimatorState, r: int, j: int, pose: Array, share: float, row: Array
+) -> None:
+    """Add ``share`` sigma at a pose (7,) to ``row``; kernels reached become active."""
+    p = len(c.kernels.centres)
+    index, sigma = np.empty(p, dtype=np.int64), np.empty(p)
+    x, y = 1.0 - 2.0 * (pose[5] ** 2 + pose[6] ** 2), 2.0 * (pose[4] * pose[5] + pose[3] * pose[6])
+    count = kernels_at(c.kernels, pose[0], pose[1], x, y, index, sigma, workspace(c.kernels))
+    for m in range(count):
+        place = s.place[r, j, index[m]]
+        if place < 0:
+            place = activate(c, s, r, j, index[m])
+        row[place] += share * sigma[m]
+
+
+@njit(cache=True, nogil=True)
+def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
+    """Write the increment (8,) from pose ``a`` to pose ``b``, both (7,)."""
+    for i in range(3):
+        out[i] = b[i] - a[i]
+    out[3], out[4], out[5] = rotation_vector(multiply((a[3], -a[4], -a[5], -a[6]), (b[3], b[4], b[5], b[6])))
+    out[6], out[UNIT] = 0.0, duration
+
+
+@njit(cache=True, nogil=True)
+def _contradicts(
+    c: EstimatorSetup, s: EstimatorState, r: int, j: int, row: Array, increment: Array, weight: float
+) -> bool:
+    """Whether a window of the path is suspect, given the path's own uncertainty."""
+    residual = np.empty(COLUMNS)
+    misfit(s, r, j, row, increment, residual)
+    duration, mean_square = increment[UNIT], s.model[r, j, GATE]
+    if abs(residual[UNIT]) > KNOWN_WITHIN * duration or not math.isfinite(mean_square):
+        return False
+    variance = 3.0 * c.path_std_mps**2 * (1.0 / weight - 1.0) + mean_square
+    square = residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2
+    return square > (0.5 * c.outlier_gate) ** 2 * variance * duration**2
+
+
+@njit(cache=True, nogil=True)
+def learn_gap(c: EstimatorSetup, s: EstimatorState, r: int, t_s: float) -> None:
+    """If the re-sighting lasts long enough, put the path across the gap into the stack of the region of exit."""
+    flags, pose = s.flags[r], s.pose[r]
+    j = flags[GAP_MODEL]
+    if j < 0 or t_s - pose[GAP_ENTRY] < c.entry_s:
+        return
+    flags[GAP_MODEL] = -1
+    n, history = flags[HELD], s.history[r]
+    if n < 3 or not history[n - 1, 0] > history[0, 0]:
+        return
+    exit_, entry = pose[GAP : GAP + 14], np.empty(14)
+    entry[0] = pose[GAP_ENTRY]
+    fit_motion(history, n, entry[0], entry[1:])
+    duration = entry[0] - exit_[0]
+    windows = round(duration / c.window_s)
+    if windows < 1 or duration > c.max_gap_s:
+        return
+    _learn_path(c, s, r, j, t_s, exit_, entry, windows)
+    flags[GAPS_LEARNED] += 1
+
+
+@njit(cache=True, nogil=True)
+def _learn_path(
+    c: EstimatorSetup,
+    s: EstimatorState,
+    r: int,
+    j: int,
+    t_s: float,
+    exit_: Array,
+    entry: Array,
+    windows: int,
+) -> None:
+    duration = entry[0] - exit_[0]
+    path = _path(exit_, entry, windows * SUBSTEPS + 1)
+    psd, h = _path_psd(c, exit_, entry), duration / (windows * SUBSTEPS)
+    rows, increments = np.zeros((windows, len(c.kernels.centres))), np.empty((windows, COLUMNS))
+    weights = np.empty(windows)
+    against = 0
+    for k in range(windows):
+        first = k * SUBSTEPS
+        for i in range(SUBSTEPS + 1):
+            share = 0.5 * h if i in (0, SUBSTEPS) else h
+            _add_regressor(c, s, r, j, path[first + i], share, rows[k])
+        u = (first + 0.5 * SUBSTEPS) / (windows * SUBSTEPS)
+        x = u * (1.0 - u)
+        variance = psd * duration * x * (1.0 - 3.0 * x)
+        weights[k] = c.path_std_mps**2 / (c.path_std_mps**2 + variance)
+        _increment(path[first], path[first + SUBSTEPS], h * SUBSTEPS, increments[k])
+        against += _contradicts(c, s, r, j, rows[k], increments[k], weights[k])
+    if c.forgetting and 2 * against > windows:
+        for k in range(windows):
+            forget(c, s, r, j, rows[k], exit_[0])
+    for k in range(windows):
+        learn_window(c, s, r, j, t_s, rows[k], increments[k], weights[k])
