@@ -9,7 +9,7 @@
 
 Each pixel is the mean of ``samples`` points of its square, spread evenly over both its edges and, by another
 irrational step, over the exposure: pixel integration, motion blur and rolling shutter come out of one sum. Where a
-pixel sees one module alone, one look is enough. ``M`` moves at the constant relative velocity of target and
+pixel sees one colour alone, one look is enough. ``M`` moves at the constant relative velocity of target and
 camera; pixel i spans [i - 1/2, i + 1/2] (OpenCV's convention).
 """
 
@@ -31,7 +31,7 @@ from camnet.geometry.settings import Intrinsics
 from camnet.sensing.marker import MODULES, QUIET, Marker, pattern
 from camnet.types import Array, Snapshot
 
-__all__ = ["BLACK", "MARGIN_PX", "WHITE", "Lens", "Patch", "draw_marker", "marker_motion"]
+__all__ = ["BLACK", "MARGIN_PX", "WHITE", "Lens", "Patch", "draw_marker", "marker_motion", "undistort"]
 
 #: grey levels of the printed marker
 BLACK, WHITE = 30.0, 220.0
@@ -58,20 +58,22 @@ class Lens:
         """Normalised coordinates (height + 1, width + 1, 2) of all pixels' corners, distortion taken out."""
         k = self.intrinsics
         u, v = np.meshgrid(np.arange(k.width_px + 1) - 0.5, np.arange(k.height_px + 1) - 0.5)
-        seen = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
-        stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-        rays = cv2.undistortPointsIter(seen, self.pinhole.matrix, self.pinhole.distortion, None, None, stop)
-        return np.asarray(rays, dtype=np.float64).reshape(k.height_px + 1, k.width_px + 1, 2)
+        pixels = np.stack([u, v], axis=-1)
+        return undistort(self.pinhole, pixels)
 
     def rays(self, left: int, top: int, right: int, bottom: int) -> Array:
         """Rays (bottom - top + 1, right - left + 1, 2) of the corners of the pixels [left, right) x [top, bottom)."""
-        if self.pinhole.distorted:
-            return self._corner_rays[top : bottom + 1, left : right + 1]
-        (fx, fy), (cx, cy) = self.pinhole.focal, self.pinhole.centre
-        out = np.empty((bottom - top + 1, right - left + 1, 2))
-        out[..., 0] = (np.arange(left, right + 1) - 0.5 - cx) / fx
-        out[..., 1] = ((np.arange(top, bottom + 1) - 0.5 - cy) / fy)[:, None]
-        return out
+        return self._corner_rays[top : bottom + 1, left : right + 1]
+
+
+def undistort(pinhole: Pinhole, pixels: Array) -> Array:
+    """Normalised coordinates (..., 2) of pixels (..., 2): OpenCV's iteration, for whole images."""
+    if not pinhole.distorted:
+        return np.asarray(pinhole.normalise(pixels))
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+    seen = pixels.reshape(-1, 1, 2)
+    found = cv2.undistortPointsIter(seen, pinhole.matrix, pinhole.distortion, None, None, stop)
+    return np.asarray(found, dtype=np.float64).reshape(pixels.shape)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -189,16 +191,23 @@ def _spread(count: int, step: float) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _alone(i0: float, j0: float, i1: float, j1: float, reach: float, n: int) -> int:
-    """Index of the one module (or -1: none, -2: several) between two places, to within ``reach``."""
+def _colour(i0: float, j0: float, i1: float, j1: float, reach: float, modules: NDArray[np.uint8]) -> int:
+    """Colour of all modules between two places, to within ``reach``; -1: off the plate, -2: several."""
+    n = modules.shape[0]
     low_i, high_i = min(i0, i1) - reach, max(i0, i1) + reach
     low_j, high_j = min(j0, j1) - reach, max(j0, j1) + reach
     if high_i < 0.0 or low_i > n or high_j < 0.0 or low_j > n:
         return -1
-    i, j = math.floor(low_i), math.floor(low_j)
-    if i == math.floor(high_i) and j == math.floor(high_j):
-        return int(j * n + i)
-    return -2
+    i_first, i_last = math.floor(low_i), math.floor(high_i)
+    j_first, j_last = math.floor(low_j), math.floor(high_j)
+    if i_first < 0 or j_first < 0 or i_last >= n or j_last >= n:
+        return -2
+    colour = int(modules[j_first, i_first])
+    for j in range(j_first, j_last + 1):
+        for i in range(i_first, i_last + 1):
+            if modules[j, i] != colour:
+                return -2
+    return colour
 
 
 @njit(cache=True, error_model="numpy")
@@ -232,11 +241,11 @@ def _draw(
             x_mid, y_mid = x + 0.5 * (x_u + x_v), y + 0.5 * (y_u + y_v)
             i0, j0 = _module(first, x_mid, y_mid)
             i1, j1 = _module(last, x_mid, y_mid)
-            only = _alone(i0, j0, i1, j1, reach, n)
-            if only == -1:
+            colour = _colour(i0, j0, i1, j1, reach, modules)
+            if colour == -1:
                 continue
-            if only >= 0:
-                out[v, u] = BLACK + (WHITE - BLACK) / 255.0 * modules[only // n, only % n]
+            if colour >= 0:
+                out[v, u] = BLACK + (WHITE - BLACK) / 255.0 * colour
                 continue
             total = 0.0
             for k in range(samples):

@@ -21,10 +21,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from camnet.geometry.rotations import from_matrix
 from camnet.geometry.rotations_compiled import conjugate, exp, log, multiply, rotate, to_matrix
-from camnet.types import Array
+from camnet.types import Array, Pose
 
-__all__ = ["BranchKeeper", "Candidate", "in_one_plane", "solve_pose", "solve_square"]
+__all__ = ["BranchKeeper", "Candidate", "in_one_plane", "plane_of", "solve_pose"]
 
 #: evidence is forgotten over about this many frames
 _FRAMES = 30
@@ -33,7 +34,12 @@ _CHANGE, _CAP = -5.0, 10.0
 #: the last pose says nothing about the branch after this time, s
 _STALE_S = 1.0
 _IDENTITY = np.eye(3)
-_METHODS = {"ippe": cv2.SOLVEPNP_IPPE, "sqpnp": cv2.SOLVEPNP_SQPNP, "iterative": cv2.SOLVEPNP_ITERATIVE}
+_METHODS = {
+    "square": cv2.SOLVEPNP_IPPE_SQUARE,
+    "ippe": cv2.SOLVEPNP_IPPE,
+    "sqpnp": cv2.SOLVEPNP_SQPNP,
+    "iterative": cv2.SOLVEPNP_ITERATIVE,
+}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -51,39 +57,36 @@ def in_one_plane(points: Array) -> bool:
     return bool(spread[-1] <= 1e-3 * spread[0])
 
 
-def solve_pose(points: Array, seen: Array, focal_px: float, method: str, refine: bool) -> list[Candidate]:
-    """Poses of a target whose points (K, 3) in its body appear at normalised coordinates (K, 2), best first.
+def plane_of(points: Array) -> Pose:
+    """Frame on the body of points (K, 3) in one plane: about their mean, z across the plane."""
+    middle = points.mean(axis=0)
+    axes = np.linalg.svd(points - middle)[2]
+    axes[2] *= np.linalg.det(axes)
+    return Pose(middle, from_matrix(axes.T))
+
+
+def solve_pose(
+    points: Array, frame: Pose, seen: Array, focal_px: float, method: str, refine: bool = False
+) -> list[Candidate]:
+    """Poses of a target whose points appear at normalised coordinates ``seen`` (K, 2), best first.
 
     Parameters
     ----------
-    method : ``ippe`` (points in one plane, two poses), ``sqpnp`` or ``iterative``
+    points : (K, 3) in a frame on the target, m; for ``ippe`` their z are zero, for ``square`` they are the corners of
+        a square about the origin, clockwise from the top left
+    frame : pose of that frame in the target's body
+    method : ``ippe`` and ``square`` (two poses), ``sqpnp`` or ``iterative``
     focal_px : focal length in which errors are stated
     refine : end with Levenberg-Marquardt
     """
     found = _solve(points, seen, _METHODS[method])
-    if refine and method != "iterative":
+    if refine:
         found = [cv2.solvePnPRefineLM(points, seen, _IDENTITY, None, r, t) for r, t in found]
-    return _rated(points, seen, focal_px, found)
-
-
-def solve_square(
-    square: Array, seen: Array, focal_px: float, p_body: Array, q_body: Array
-) -> list[Candidate]:
-    """Poses of a target by its marker, best first.
-
-    Parameters
-    ----------
-    square : (4, 3) corners in the marker's frame, clockwise from the top left
-    seen : (4, 2) where they appear, normalised
-    focal_px : focal length in which errors are stated
-    p_body, q_body : (3,), (4,) pose of the marker's frame on the target
-    """
-    found = _rated(square, seen, focal_px, _solve(square, seen, cv2.SOLVEPNP_IPPE_SQUARE))
-    back = conjugate(q_body)
+    back = conjugate(frame.q)
     poses = []
-    for one in found:
+    for one in _rated(points, seen, focal_px, found):
         q = multiply(one.q, back)
-        poses.append(Candidate(one.p - rotate(q, p_body), q, one.error_px))
+        poses.append(Candidate(one.p - rotate(q, frame.p), q, one.error_px))
     return poses
 
 

@@ -21,7 +21,7 @@ from camnet.geometry.settings import CameraModel
 from camnet.sensing.edges import refine_corners
 from camnet.sensing.marker import DICTIONARY, MODULES, Marker, marker_on
 from camnet.sensing.marker_view import Lens, Patch, draw_marker, marker_motion
-from camnet.sensing.pnp import BranchKeeper, Candidate, in_one_plane, solve_pose, solve_square
+from camnet.sensing.pnp import BranchKeeper, Candidate, in_one_plane, plane_of, solve_pose
 from camnet.sensing.settings import FeatureSettings, ImageSettings
 from camnet.types import Array, Pose, Snapshot
 
@@ -76,6 +76,7 @@ class FeatureReader:
         self._range = _Range(cameras)
         self._points = [np.ascontiguousarray(f, dtype=np.float64).reshape(-1, 3) for f in features]
         self._methods = [_method(settings, points) for points in self._points]
+        self._frames = [_local(points) for points in self._points]
         self._keepers = [[BranchKeeper(settings.pixel_noise_px) for _ in self._points] for _ in self._lenses]
 
     def read(self, snapshot: Snapshot, camera: int, target: int, rng: np.random.Generator) -> Pose | None:
@@ -89,7 +90,8 @@ class FeatureReader:
         if not np.isfinite(seen).all():
             return None
         s = self._settings
-        found = solve_pose(points, seen, float(lens.focal[0]), self._methods[target], s.refine)
+        frame, local = self._frames[target]
+        found = solve_pose(local, frame, seen, float(lens.focal[0]), self._methods[target], s.refine)
         plausible = [
             one for one in found if one.error_px <= s.max_reprojection_px and self._range.holds(camera, one)
         ]
@@ -97,6 +99,16 @@ class FeatureReader:
             return None
         one = self._keepers[camera][target].choose(plausible, len(points), q_camera, snapshot.t_s)
         return Pose(one.p, one.q)
+
+
+def _local(points: Array) -> tuple[Pose, Array]:
+    """Frame on the body in which points of one plane have z = 0 (the body's own for others), and the points in it."""
+    if not in_one_plane(points):
+        return Pose(np.zeros(3), rotations.IDENTITY), points
+    frame = plane_of(points)
+    local = (points - frame.p) @ rotations.to_matrix(frame.q)
+    local[:, 2] = 0.0
+    return frame, local
 
 
 def _method(settings: FeatureSettings, points: Array) -> str:
@@ -194,7 +206,8 @@ class ImageReader:
         seen = self.corners(picture, marker, lambda pixels: lens.normalise(pixels + offset))
         if seen is None:
             return None
-        found = solve_square(marker.square(), seen, float(lens.focal[0]), marker.p_body, marker.q_body)
+        frame = Pose(marker.p_body, marker.q_body)
+        found = solve_pose(marker.square(), frame, seen, float(lens.focal[0]), "square")
         limit = self._settings.max_reprojection_px
         plausible = [one for one in found if one.error_px <= limit and self._range.holds(camera, one)]
         if not plausible:

@@ -19,7 +19,7 @@ class FeatureSettings(Settings):
     refused when that error (root mean square) is above ``max_reprojection_px``.
     """
 
-    pixel_noise_px: NonNegative = 0.5
+    pixel_noise_px: NonNegative = 0.2
     solver: Literal["auto", "ippe", "sqpnp", "iterative"] = "auto"
     refine: bool = True
     max_reprojection_px: Positive = 3.0

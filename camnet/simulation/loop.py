@@ -10,6 +10,7 @@ Rates: physics inside the world, control at ``controller.rate_hz``, sensing at `
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,9 +20,11 @@ from camnet.control.monitor import DisturbanceMonitor
 from camnet.control.references import ReferenceGenerator
 from camnet.control.sliding_mode import SlidingModeController
 from camnet.errors import ConfigError
+from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.protocol import Rollout, TargetFilter
-from camnet.sensing.pose_sensor import PoseSensor
+from camnet.sensing.settings import SensingSettings
 from camnet.sensing.visibility import VisibilityTest
+from camnet.sensing.vision_sensor import build_sensor
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
 from camnet.simulation.filters import TargetTruth, build_filters
@@ -98,7 +101,9 @@ class NetworkSimulation:
             network.detours(),
         )
         self._reference_state = self._references.start(self.snapshot.camera_p_world[: network.n_agents])
-        self._sensor = PoseSensor(scenario.sensing, network.n_targets, len(network.cameras))
+        features = [target.features_m for target in network.description.targets]
+        self._sensor = build_sensor(scenario.sensing, network.cameras, features, self.world.render)
+        self._past: deque[Snapshot] = deque(maxlen=_frames_late(scenario.sensing) + 2)
         self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
         self.filters: dict[str, list[TargetFilter]] = {
             name: self._build_filters(name) for name in self.filter_names
@@ -124,7 +129,7 @@ class NetworkSimulation:
         truths = [self._truth(m) for m in range(network.n_targets)]
         if name in self._makers:
             return list(self._makers[name](network, truths))
-        return build_filters(
+        filters = build_filters(
             name,
             scenario.estimator,
             network.basis,
@@ -133,13 +138,17 @@ class NetworkSimulation:
             network.bounds,
             truths,
         )
+        latency_s = scenario.sensing.latency_s
+        # the oracle asks no measurement
+        return [DelayedFilter(f, latency_s) for f in filters] if latency_s and name != "oracle" else filters
 
     def _truth(self, m: int) -> TargetTruth:
         """Return what the rows that are told the truth of target ``m`` may ask for."""
         world = self.world
 
         def twist(t_s: float) -> Twist:
-            return Twist(self.snapshot.target_v_world[m], self.snapshot.target_w_body[m])
+            then = next((s for s in reversed(self._past) if s.t_s <= t_s + 1e-9), self.snapshot)
+            return Twist(then.target_v_world[m], then.target_w_body[m])
 
         def pose() -> Pose:
             return Pose(self.snapshot.target_p_world[m], self.snapshot.target_q_world[m])
@@ -196,6 +205,7 @@ class NetworkSimulation:
         n = self.network.n_agents
         self.visible[:n] &= inside[:, :n].T  # an agent sees nothing outside its region
         self.visible &= self.working[:, None]
+        self._past.append(snapshot)
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         for m, tracker in enumerate(self.trackers):
             self._estimate(m, _nearest([z for z in measurements if z.target == m]))
@@ -209,10 +219,10 @@ class NetworkSimulation:
         if best is not None:
             self.gaps[m].seen(now, best.camera, self.snapshot.target_p_world[m], filters)
         for filter_ in filters.values():
-            if best is None:
-                filter_.predict(now)
-            else:
+            if best is not None:
                 filter_.correct(best, best.camera)
+            if best is None or best.t_s < now:
+                filter_.predict(now)
         if best is None:
             self.gaps[m].unseen(now, filters)
 
@@ -246,6 +256,11 @@ class NetworkSimulation:
 def _nearest(measurements: list[PoseMeasurement]) -> PoseMeasurement | None:
     """Of several cameras that measured one target, the nearest one."""
     return min(measurements, key=lambda z: float(z.p_cam @ z.p_cam), default=None)
+
+
+def _frames_late(sensing: SensingSettings) -> int:
+    """Frames between an image and its measurement."""
+    return math.ceil(sensing.latency_s * sensing.rate_hz)
 
 
 def _whole_ratio(what: str, fast_hz: float, slow_hz: float) -> int:
