@@ -107,9 +107,10 @@ def decide(simulation: NetworkSimulation) -> list[Task]:
     regions = simulation.network.regions[: simulation.network.n_agents]
     points = np.array([e.p_world for e in estimates])
     inside = simulation.network.containment(points)[:, : len(regions)]
-    inside &= np.array([np.isfinite(e.last_seen_s) for e in estimates])[:, None]
+    known = np.array([np.isfinite(e.last_seen_s) for e in estimates])  # an image may be on its way still
     limits = simulation.network.half_widths[: len(regions)]
-    return assign(estimates, simulation.entries(), inside, simulation.visible[: len(regions)], limits)
+    seen = simulation.visible[: len(regions)] & known
+    return assign(estimates, simulation.entries(), inside & known[:, None], seen, limits)
 
 
 def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints:
