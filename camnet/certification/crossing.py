@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
+from camnet.certification.planar_shapes import PolygonView
 from camnet.certification.reachable import PlanarView, Reach
 from camnet.types import Array
 
@@ -75,7 +77,8 @@ class RegionAgent:
     """A mobile camera that may be anywhere in its region when the target is lost elsewhere.
 
     ``outline`` (K, 2) are the region's corners; the rest as in ``MobileAgent``. The extent of the target is taken
-    off ``footprint_m`` already.
+    off ``footprint_m`` already. In a region that is not convex the straight way to a point must be free from
+    everywhere, which is so if it is free from every corner.
     """
 
     outline: Array
@@ -84,16 +87,26 @@ class RegionAgent:
     footprint_m: float
     ramp_s: float = 0.0
 
+    def reaches(self, point: Array) -> bool:
+        """Whether the straight way to a point (2,) is inside the region from everywhere in it."""
+        region = shapely.Polygon(self.outline)
+        if region.convex_hull.area <= region.area * (1.0 + 1e-9):
+            return True
+        ways = shapely.linestrings([[corner, point] for corner in self.outline])
+        return bool(shapely.covers(region.buffer(1e-9), ways).all())
+
     def farthest_from(self, point: Array) -> MobileAgent:
         """Return the agent at the corner of its region that is farthest from a point (2,)."""
         away = np.linalg.norm(self.outline - point, axis=1)
         corner = self.outline[int(np.argmax(away))]
+        if not self.reaches(point):
+            return MobileAgent(corner, 0.0, 0.0, self.footprint_m, self.ramp_s)
         return MobileAgent(corner, self.speed_mps, self.disturbance_mps, self.footprint_m, self.ramp_s)
 
 
 def certify_crossing(
     reach: Reach,
-    views: Sequence[PlanarView],
+    views: Sequence[PlanarView | PolygonView],
     times_s: Array,
     off_max_s: float,
     on_min_s: float,
@@ -190,20 +203,23 @@ def certify_meeting(
     return best
 
 
-def meeting(reach: Reach, into: Crossing, agents: Sequence[RegionAgent], off_max_s: float) -> Crossing:
+def meeting(reach: Reach, into: Crossing, agents: Sequence[RegionAgent | None], off_max_s: float) -> Crossing:
     """Add the agent's constraints to a crossing into a region: once the ball is wholly inside, it has to be there.
 
     Parameters
     ----------
     reach : target class at the exit
     into : verdict of ``certify_crossing`` with the regions as views
-    agents : one for each region, their footprints less the target's extent
+    agents : one for each region, their footprints less the target's extent; None: a fixed camera's view
     off_max_s : dwell time out of view
     """
-    if into.verdict != "certified":
+    chosen = agents[into.view] if into.verdict == "certified" else None
+    if chosen is None:
         return into
-    agent = agents[into.view].farthest_from(reach.disc(into.time_s)[0])
-    met = certify_meeting(reach, [agent], into.time_s, off_max_s, 0.0)
+    place = reach.disc(into.time_s)[0]
+    met = certify_meeting(reach, [chosen.farthest_from(place)], into.time_s, off_max_s, 0.0)
+    if not chosen.reaches(place):
+        met = replace(met, binding="straight way in a region that is not convex")
     binding = met.binding if met.margin_m < into.margin_m or met.margin_s < into.margin_s else into.binding
     return Crossing(
         met.verdict,

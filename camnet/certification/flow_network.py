@@ -133,7 +133,7 @@ def certify_flow(
     step_s: float = 0.2,
     cover_m: float = 0.1,
     find_largest: bool = True,
-    agents: Sequence[RegionAgent] | None = None,
+    agents: Sequence[RegionAgent | None] | None = None,
 ) -> dict[str, object]:
     """Certify every exit of the learned flow and return the report as plain data for JSON.
 
@@ -148,7 +148,7 @@ def certify_flow(
     step_s : of the tubes
     cover_m : distance between samples across an exit
     find_largest : also find the largest model error that each transition tolerates
-    agents : mobile cameras, one for each region
+    agents : mobile cameras, one for each region; None in the place of a fixed camera
     """
     fields = _per_view(field, ground)
     exits = flow_exits(fields, ground, start, duration_s)
@@ -163,7 +163,7 @@ def certify_flow(
     whole = "certified" if good and all(good) else "not certified"
     reason = f"{sum(good)} of {len(good)} exits of the learned flow are certified"
     return {
-        "network": {"cameras": len(ground), "regions": 0 if agents is None else len(ground)},
+        "network": {"cameras": len(ground), "regions": sum(a is not None for a in agents or ())},
         "target_class": f"vector field, at most {target.v_max_mps:g} m/s, model error {target.model_error_mps:g} m/s",
         "certificates": {"learned": {"verdict": whole, "reason": reason}},
         "transitions": transitions,
@@ -186,7 +186,7 @@ class _Settings:
     on_min_s: float
     step_s: float
     cover_m: float
-    agents: Sequence[RegionAgent] | None
+    agents: Sequence[RegionAgent | None] | None
 
 
 def _worst(

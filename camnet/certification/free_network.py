@@ -21,6 +21,7 @@ import numpy as np
 import shapely
 
 from camnet.certification.coverage import Views, clip_polygon
+from camnet.certification.planar_shapes import PolygonView, inscribed_radius, shadow_polygon
 from camnet.certification.reachable import PlanarView, planar_view
 from camnet.certification.transitions import GrowthModel
 from camnet.certification.verdict import theorem_31
@@ -45,27 +46,51 @@ class GroundView:
     Attributes
     ----------
     name : of the camera
-    view : half-planes
-    outline : polygon, empty where the camera cannot see the plane
+    view : half-planes; a polygon where it is not convex
+    outline : polygon or polygons, empty where the camera cannot see the plane
     radius_m : radius of the largest disc inside, m
     """
 
     name: str
-    view: PlanarView
-    outline: shapely.Polygon
+    view: PlanarView | PolygonView
+    outline: shapely.Polygon | shapely.MultiPolygon
     radius_m: float
 
+    @property
+    def rings(self) -> list[tuple[str, Array]]:
+        """Name and outer border (K, 2) of every part, for maps."""
+        parts = [part for part in shapely.get_parts(self.outline) if part.area > 0.0]
+        return [(self.name, np.asarray(part.exterior.coords)) for part in parts]
 
-def ground_views(views: Views, names: Sequence[str], height_m: float, extent_m: float) -> list[GroundView]:
-    """Cut every view with the plane of the targets' reference points."""
+
+def ground_views(
+    views: Views,
+    names: Sequence[str],
+    height_m: float,
+    extent_m: float,
+    occluders: Sequence[tuple[Array, Array]] = (),
+) -> list[GroundView]:
+    """Cut every view with the plane of the targets' reference points, less what convex occluders (B, c) hide of it."""
     out = []
     for camera, name in enumerate(names):
         view = planar_view(views, camera, height_m, extent_m)
         corners = _outline(view, views.bounds_xy[camera])
         outline = shapely.Polygon(corners) if len(corners) >= 3 else shapely.Polygon()
         radius = largest_ball(view.normals, view.offsets)[1] if outline.area > 0.0 else 0.0
-        out.append(GroundView(name, view, outline, max(radius, 0.0)))
+        seen = GroundView(name, view, outline, max(radius, 0.0))
+        out.append(_without_shadows(seen, views.position[camera], height_m, extent_m, occluders))
     return out
+
+
+def _without_shadows(
+    seen: GroundView, eye: Array, height_m: float, extent_m: float, occluders: Sequence[tuple[Array, Array]]
+) -> GroundView:
+    dark = [shadow_polygon(eye, a, c, height_m, extent_m) for a, c in occluders]
+    dark = [shape for shape in dark if shape.intersection(seen.outline).area > 0.0]
+    if not dark:
+        return seen
+    view = PolygonView(shapely.difference(seen.outline, shapely.union_all(dark)))
+    return GroundView(seen.name, view, view.shape, inscribed_radius(view))
 
 
 def _outline(view: PlanarView, bounds: Array) -> list[tuple[float, float]]:

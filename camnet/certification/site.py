@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from camnet.certification.coverage import Views, cover_roads
+from camnet.certification.coverage import Coverage, Views, cover_roads
 from camnet.certification.free_network import FreeTargetClass, certify_free, ground_views
 from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.road_gaps import RoadGaps, road_gaps
@@ -22,6 +21,7 @@ from camnet.certification.transitions import (
     certify_roads,
     network_report,
 )
+from camnet.errors import CertificateError
 from camnet.geometry.frustum import Frustum
 from camnet.types import Array
 
@@ -36,7 +36,7 @@ def views_of(frusta: Sequence[Frustum], positions_world: Array) -> Views:
 
 def certify_road_site(
     roads: RoadArcs,
-    views: Views,
+    views: Views | None,
     names: Sequence[str],
     target: RoadTargetClass,
     *,
@@ -46,7 +46,7 @@ def certify_road_site(
     growth: GrowthModel | None = None,
     occluders: Sequence[tuple[Array, Array]] = (),
     search_m: float = math.inf,
-    largest_m: Array | None = None,
+    coverage: Coverage | None = None,
     constants: dict[str, object] | None = None,
 ) -> tuple[dict[str, object], RoadGaps, dict[str, TransitionTable]]:
     """Certify fixed cameras on a road network.
@@ -60,7 +60,7 @@ def certify_road_site(
     growth : error growth, for the ``learned`` certificate
     occluders : convex polytopes (B, c), B x <= c with unit normals
     search_m : unseen ways longer than this are not followed, and then not certified
-    largest_m : (C,) largest ball that each camera can hold wherever it is, m (mobile cameras: their footprint)
+    coverage : what is seen, where it is known already (mobile cameras: their regions); ``views`` are not used then
     constants : shown in the report
 
     Returns
@@ -68,9 +68,10 @@ def certify_road_site(
     tuple
         the report as plain data, the gaps, and the verdicts by certificate (for maps).
     """
-    coverage = cover_roads(roads, views, height_m, target.extent_m, occluders)
-    if largest_m is not None:
-        coverage = replace(coverage, depth_m=np.minimum(coverage.depth_m, largest_m[coverage.camera]))
+    if coverage is None:
+        if views is None:
+            raise CertificateError("views or coverage: one of them is needed")
+        coverage = cover_roads(roads, views, height_m, target.extent_m, occluders)
     gaps = road_gaps(roads, coverage, search_m)
     tables = certify_roads(gaps, target, off_max_s, on_min_s, growth)
     report = network_report(

@@ -97,6 +97,7 @@ def add_target_class(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Load, certify, write."""
+    from camnet.experiments.learned_model import save_models
     from camnet.report.certificate import write_certificate
 
     folder = None if args.out is None else choose_folder(args.out, "", args.force)
@@ -115,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
         with whole_folder(folder) as temporary:
             write_json(temporary / "certificate.json", content)
             write_certificate(temporary, content, certified.views, certified.lines)
-            if model is not None:
-                model.save(temporary / "model.npz")
+            if model:
+                save_models(model, temporary)
         say(f"wrote {folder}; open {folder / 'report.html'}")
     if args.json:
         print_json(content)
@@ -166,16 +167,16 @@ def world_of(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
 
 
 def learned_model(args: argparse.Namespace, scenario: Any) -> Any:  # noqa: ANN401 - imported late
-    """Return the model that the command line asks for: learned now, loaded, or None."""
-    from camnet.experiments.learned_model import learn_model, load_model
+    """Return the models that the command line asks for by target, learned now or loaded; None without any."""
+    from camnet.experiments.learned_model import learn_models, load_models
 
     if args.model is not None:
-        return load_model(args.model)
+        return load_models(args.model, [t.name for t in scenario.targets])
     if not args.learn:
         return None
     seconds = scenario.run.duration_s
     with progress_bar(seconds, "learning", "s", args.quiet) as advance:
-        return learn_model(scenario, seconds, scenario.seed, advance)
+        return learn_models(scenario, seconds, scenario.seed, advance)
 
 
 def _growth(args: argparse.Namespace, e0_m: float) -> Any:  # noqa: ANN401 - imported late

@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     """Load, attack, write."""
     from camnet.errors import ConfigError
     from camnet.experiments.falsify import falsify_world
+    from camnet.experiments.learned_model import save_models
 
     if args.trials < 1:
         raise ConfigError(f"--trials {args.trials}: at least 1 was expected")
@@ -66,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
     if folder is not None:
         with whole_folder(folder) as temporary:
             write_json(temporary / "result.json", content)
-            if model is not None:
-                model.save(temporary / "model.npz")
+            if model:
+                save_models(model, temporary)
         say(f"wrote {folder}")
     if args.json:
         print_json(content)

@@ -24,6 +24,7 @@ from camnet.certification.crossing import RegionAgent
 from camnet.certification.flow_network import FlowTargetClass, certify_flow
 from camnet.certification.free_network import GroundView, ground_views
 from camnet.certification.growth import PlanarField
+from camnet.certification.planar_shapes import PolygonView, convex_solids, inscribed_radius
 from camnet.certification.reachable import PlanarView
 from camnet.certification.site import views_of
 from camnet.errors import CertificateError
@@ -45,6 +46,7 @@ __all__ = [
     "learned_path",
     "model_errors",
     "region_agents",
+    "solid_occluders",
     "true_velocity",
 ]
 
@@ -78,29 +80,36 @@ class FlowCase:
     off_max_s: float
     step_s: float
     cover_m: float
-    agents: list[RegionAgent] | None
+    agents: list[RegionAgent | None] | None
 
 
 def ground_of(network: Network) -> list[GroundView]:
-    """Cut every camera's view, or its agent's operating region, with the plane of the targets' reference points."""
-    if network.n_agents == 0:
-        specs = network.description.cameras
+    """Cut what the cameras can see with the plane of the targets' reference points.
+
+    Agents come first, each with its operating region, then the views of the fixed cameras, less what occluders hide.
+    """
+    ground = [_region_view(region) for region in network.regions[: network.n_agents]]
+    specs = network.description.cameras
+    if specs:
         frusta = [Frustum.from_camera(c.camera).in_world(c.p_world, c.q_world) for c in specs]
         views = views_of(frusta, np.array([c.p_world for c in specs]))
-        return ground_views(views, [c.name for c in specs], 0.0, feature_extent(network))
-    if network.description.cameras:
-        raise CertificateError("a network of mobile and fixed cameras together cannot be certified yet")
-    return [_region_view(region) for region in network.regions]
+        names = [c.name for c in specs]
+        ground += ground_views(views, names, 0.0, feature_extent(network), solid_occluders(network))
+    return ground
+
+
+def solid_occluders(network: Network) -> list[tuple[Array, Array]]:
+    """Return a world's occluders as convex solids (B, c)."""
+    return [part for occluder in network.occluders for part in convex_solids(occluder)]
 
 
 def _region_view(region: Region) -> GroundView:
-    """Turn the outline of a convex operating region into half-planes."""
-    outline = shapely.Polygon(region.footprint())
+    """Turn the outline of an operating region into half-planes, or a polygon where it is not convex."""
+    outline = shapely.geometry.polygon.orient(shapely.Polygon(region.footprint()))
     if outline.convex_hull.area > outline.area * (1.0 + 1e-6):
-        raise CertificateError(
-            f"region {region.name!r} is not convex: the certificate needs convex operating regions; split it"
-        )
-    corners = np.asarray(shapely.geometry.polygon.orient(outline).exterior.coords)
+        whole = PolygonView(outline)
+        return GroundView(region.name, whole, outline, inscribed_radius(whole))
+    corners = np.asarray(outline.exterior.coords)
     along = np.diff(corners, axis=0)
     normals = np.c_[along[:, 1], -along[:, 0]] / np.linalg.norm(along, axis=1, keepdims=True)
     offsets = np.einsum("fi,fi->f", normals, corners[:-1])
@@ -109,14 +118,17 @@ def _region_view(region: Region) -> GroundView:
     )
 
 
-def region_agents(network: Network) -> list[RegionAgent] | None:
-    """Return what the agents can do: reference speed, disturbance bound, footprint; None without agents."""
+def region_agents(network: Network) -> list[RegionAgent | None] | None:
+    """Return what the agents can do: reference speed, disturbance bound, footprint; None without agents.
+
+    The fixed cameras of a mixed network have None in their places.
+    """
     if network.n_agents == 0:
         return None
     control = network.scenario.controller
     ramp = control.reference_v_max_mps / control.reference_a_max_mps2
     ramp += control.reference_a_max_mps2 / control.reference_jerk_max_mps3
-    return [
+    agents: list[RegionAgent | None] = [
         RegionAgent(
             network.regions[j].footprint(),
             control.reference_v_max_mps,
@@ -126,6 +138,7 @@ def region_agents(network: Network) -> list[RegionAgent] | None:
         )
         for j in range(network.n_agents)
     ]
+    return agents + [None] * len(network.description.cameras)
 
 
 def learned_path(model: LearnedModel) -> tuple[Array, Array]:

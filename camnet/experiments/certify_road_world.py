@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from camnet.certification.coverage import Views
-from camnet.certification.road_arcs import arcs_from_roads
+from camnet.certification.coverage import Coverage, cover_roads
+from camnet.certification.planar_shapes import cover_regions
+from camnet.certification.road_arcs import RoadArcs, arcs_from_roads
 from camnet.certification.site import certify_road_site, road_segments_with_verdict, views_of
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
-from camnet.errors import CertificateError
 from camnet.experiments.certified import Certified, dwell_times
-from camnet.experiments.certify_flow import ground_of
+from camnet.experiments.certify_flow import ground_of, solid_occluders
 from camnet.geometry.frustum import Frustum
 from camnet.motion.settings import RoadTarget
 from camnet.report.certificate import MapLine
@@ -20,7 +18,7 @@ from camnet.simulation.certificates import feature_extent, view_radius
 from camnet.simulation.network import Network
 from camnet.types import Array
 
-__all__ = ["certify_on_roads", "road_lines", "road_views"]
+__all__ = ["certify_on_roads", "road_coverage", "road_lines"]
 
 
 def certify_on_roads(network: Network, motion: RoadTarget, model_error_mps: float | None) -> Certified:
@@ -35,28 +33,20 @@ def certify_on_roads(network: Network, motion: RoadTarget, model_error_mps: floa
     if model_error_mps is not None:
         e0 = scenario.certificate.initial_error_m
         growth = GrowthModel(0.05 if e0 is None else e0, model_error_mps)
-    names, views = road_views(network)
-    occluders = [_half_spaces(o) for o in network.occluders] if network.n_agents == 0 else []
-    limits = (
-        None
-        if network.n_agents == 0
-        else np.array([view_radius(network, j) for j in range(network.n_agents)])
-    )
+    ground = ground_of(network)
     report, gaps, tables = certify_road_site(
         roads,
-        views,
-        names,
+        None,
+        [g.name for g in ground],
         target,
         height_m=0.0,
         off_max_s=off,
         on_min_s=on,
         growth=growth,
-        occluders=occluders,
-        largest_m=limits,
+        coverage=road_coverage(network, roads, target.extent_m),
         constants={"off_max_s": off, "on_min_s": on, "dwell_source": source},
     )
-    ground = ground_of(network)
-    outlines = [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
+    outlines = [ring for g in ground for ring in g.rings]
     pieces = road_segments_with_verdict(roads, gaps, tables["learned" if growth else "sound"])
     return Certified(report, outlines, road_lines(pieces))
 
@@ -67,34 +57,23 @@ def road_lines(pieces: dict[str, list[Array]]) -> list[MapLine]:
     return [MapLine(line, verdicts[k], verdicts[k]) for k, lines in pieces.items() for line in lines]
 
 
-def road_views(network: Network) -> tuple[list[str], Views]:
-    """Return fields of view of fixed cameras, or the operating regions of agents as upright views."""
-    if network.n_agents == 0:
-        specs = network.description.cameras
-        frusta = [Frustum.from_camera(c.camera).in_world(c.p_world, c.q_world) for c in specs]
-        return [c.name for c in specs], views_of(frusta, np.array([c.p_world for c in specs]))
-    ground = ground_of(network)
-    faces = max(len(g.view.offsets) for g in ground)
-    normals, offsets = np.zeros((len(ground), faces, 3)), np.zeros((len(ground), faces))
-    corners = []
-    for k, g in enumerate(ground):
-        rows = np.arange(faces) % len(g.view.offsets)  # repeated faces change nothing
-        normals[k, :, :2], offsets[k] = g.view.normals[rows], g.view.offsets[rows]
-        x0, y0, x1, y1 = g.outline.bounds
-        corners.append([[x0, y0, 0.0], [x1, y1, 0.0]])
-    centres = np.array([r.center for r in network.regions])
-    return [g.name for g in ground], Views.create(normals, offsets, np.array(corners), centres)
-
-
-def _half_spaces(region: Any) -> tuple[Array, Array]:  # noqa: ANN401 - any solid with an outline
-    """Return a convex solid as half-spaces."""
-    corners = np.asarray(region.footprint(), dtype=float)
-    centre = corners.mean(axis=0)
-    along = np.roll(corners, -1, axis=0) - corners
-    normals = np.c_[along[:, 1], -along[:, 0]] / np.linalg.norm(along, axis=1, keepdims=True)
-    offsets = np.einsum("fi,fi->f", normals, corners)
-    if (normals @ centre > offsets + 1e-9).any():
-        raise CertificateError(f"occluder {region.name!r} is not convex: split it into convex parts")
-    low, high = (float(h) for h in region.height)
-    a = np.r_[np.c_[normals, np.zeros(len(normals))], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]]
-    return a, np.r_[offsets, -low, high]
+def road_coverage(network: Network, roads: RoadArcs, extent_m: float) -> Coverage:
+    """Return what each camera sees of the roads: agents their regions, fixed cameras their views without shadows."""
+    agents = range(network.n_agents)
+    outlines = [network.regions[j].footprint() for j in agents]
+    part = cover_regions(roads, outlines, extent_m, [view_radius(network, j) for j in agents])
+    specs = network.description.cameras
+    if not specs:
+        return part
+    frusta = [Frustum.from_camera(c.camera).in_world(c.p_world, c.q_world) for c in specs]
+    views = views_of(frusta, np.array([c.p_world for c in specs]))
+    seen = cover_roads(roads, views, 0.0, extent_m, solid_occluders(network))
+    arc = np.concatenate([part.arc, seen.arc])
+    start = np.concatenate([part.start_m, seen.start_m])
+    order = np.lexsort((start, arc))
+    camera = np.concatenate([part.camera, seen.camera + network.n_agents])
+    others = (
+        np.concatenate([getattr(part, name), getattr(seen, name)])[order]
+        for name in ("end_m", "depth_m", "deepest_m")
+    )
+    return Coverage(arc[order], camera[order], start[order], *others)

@@ -130,7 +130,7 @@ def certify_cameras(
     }
     report["warnings"] = warnings
     ground = ground_views(views, names, height_m, target.extent_m)
-    outlines = [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
+    outlines = [ring for g in ground for ring in g.rings]
     return Certified(report, outlines, free_lines(report, ground)), views, names, warnings
 
 
@@ -205,5 +205,5 @@ def certify_road_cameras(
     report["network"] |= {"roads_km": float(site.roads.length_m.sum() / 1000.0), "arcs": site.roads.n_arcs}  # type: ignore[operator]
     pieces = road_segments_with_verdict(site.roads, gaps, tables["learned" if growth else "sound"])
     ground = ground_views(views, names, height_m, target.extent_m)
-    outlines = [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
+    outlines = [ring for g in ground for ring in g.rings]
     return Certified(report, outlines, road_lines(pieces))

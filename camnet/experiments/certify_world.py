@@ -23,6 +23,7 @@ from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import certify_learned, flow_case, ground_of, learned_path
 from camnet.experiments.certify_road_world import certify_on_roads
 from camnet.experiments.learned_model import LearnedModel
+from camnet.experiments.target_groups import Models, TargetGroup, join_targets, target_groups
 from camnet.motion.settings import RoadTarget, VectorFieldTarget
 from camnet.report.certificate import MapLine
 from camnet.simulation.certificates import feature_extent, network_report
@@ -37,18 +38,18 @@ _STEP_S = 0.05
 
 def certify_world(
     scenario: Scenario,
-    model: LearnedModel | None = None,
+    model: Models = None,
     *,
     off_max_s: float | None = None,
     model_error_mps: float | None = None,
     find_largest: bool = True,
 ) -> Certified:
-    """Certify the network of a world.
+    """Certify the network of a world for every target.
 
     Parameters
     ----------
     scenario : the world; its ``certificate.off_max_s`` is a dwell time that the designer states
-    model : learned motion model, for ``learned`` along a flow
+    model : learned motion model of the first target, or of several by their names, for ``learned`` along a flow
     off_max_s : stated dwell time, instead of the world's
     model_error_mps : stated e_v, instead of the one from the world's own motion
     find_largest : also find the largest tolerable e_v of each transition, which takes most of the time
@@ -56,15 +57,22 @@ def certify_world(
     if off_max_s is not None:
         certificate = scenario.certificate.model_copy(update={"off_max_s": off_max_s})
         scenario = scenario.model_copy(update={"certificate": certificate})
+    parts = {
+        group.name: _one_class(group, model_error_mps, find_largest)
+        for group in target_groups(scenario, model)
+    }
     network = build_network(scenario)
-    motion = scenario.targets[0].motion
+    return _complete(network, join_targets(parts) if len(parts) > 1 else next(iter(parts.values())))
+
+
+def _one_class(group: TargetGroup, model_error_mps: float | None, find_largest: bool) -> Certified:
+    network = build_network(group.scenario)
+    motion = group.scenario.targets[0].motion
     if isinstance(motion, RoadTarget):
-        part = certify_on_roads(network, motion, model_error_mps)
-    elif isinstance(motion, VectorFieldTarget) or model is not None:
-        part = _along_flow(network, model, model_error_mps, find_largest)
-    else:
-        part = _free(network)
-    return _complete(network, part)
+        return certify_on_roads(network, motion, model_error_mps)
+    if isinstance(motion, VectorFieldTarget) or group.model is not None:
+        return _along_flow(network, group.model, model_error_mps, find_largest)
+    return _free(network)
 
 
 def _complete(network: Network, part: Certified) -> Certified:
@@ -93,9 +101,22 @@ def _complete(network: Network, part: Certified) -> Certified:
         "uncertified": report["uncertified"],
         "constants": {**report["constants"], "sound": dwell["sound"]["constants"]},
         "gaps": dwell["gaps"],
-        "assumptions": dwell["assumptions"],
+        "assumptions": [*dwell["assumptions"], *_assumptions_of_regions(network)],
     }
     return Certified(content, part.views, part.lines)
+
+
+def _assumptions_of_regions(network: Network) -> list[str]:
+    """Return what is taken for granted of the agents' views."""
+    if network.n_agents == 0:
+        return []
+    words = ["an agent sees its whole footprint at the meeting point, wherever the target is in it"]
+    if network.occluders:
+        words.append(
+            "occluders hide nothing from an agent, which is taken to look from where they are not in the way; they "
+            "take their shadows from the views of fixed cameras only"
+        )
+    return words
 
 
 def nominal_path(network: Network, laps_s: float = 300.0) -> tuple[Array, Array]:
@@ -269,7 +290,7 @@ def _learned_lines(
 
 
 def _outlines(ground: list[GroundView]) -> list[tuple[str, Array]]:
-    return [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
+    return [ring for g in ground for ring in g.rings]
 
 
 def _free(network: Network) -> Certified:

@@ -150,7 +150,7 @@ def _check(
     table = tables["sound"]
     good = bool(table.certified.all() and not gaps.cyclic.any())
     ground = ground_views(views, names, height_m, target.extent_m)
-    outlines = [(g.name, np.asarray(g.outline.exterior.coords)) for g in ground if not g.outline.is_empty]
+    outlines = [ring for g in ground for ring in g.rings]
     lines = road_lines(road_segments_with_verdict(site.roads, gaps, table))
     words = {"transitions": len(report["transitions"]), "certified": good}  # type: ignore[arg-type]
     return Certified(words, outlines, lines)

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from camnet.certification.coverage import cover_roads
 from camnet.certification.growth import error_tube
 from camnet.certification.road_arcs import arcs_from_roads
 from camnet.certification.road_gaps import road_gaps
@@ -25,10 +24,11 @@ from camnet.config.models import Scenario
 from camnet.errors import CertificateError
 from camnet.experiments.certified import lyapunov_off
 from camnet.experiments.certify_flow import FlowCase, flow_case
-from camnet.experiments.certify_road_world import road_views
+from camnet.experiments.certify_road_world import road_coverage
 from camnet.experiments.falsify_flow import Attack, attack_flow
 from camnet.experiments.falsify_road import RoadCase, attack_roads
 from camnet.experiments.learned_model import LearnedModel
+from camnet.experiments.target_groups import Models, TargetGroup, target_groups
 from camnet.motion.settings import RoadTarget
 from camnet.simulation.certificates import feature_extent, network_certificates
 from camnet.simulation.network import Network, build_network
@@ -43,7 +43,7 @@ def falsify_world(
     scenario: Scenario,
     trials: int,
     seed: int,
-    model: LearnedModel | None = None,
+    model: Models = None,
     model_error_mps: float | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -56,19 +56,52 @@ def falsify_world(
         ``lost``: targets out of view for longer than the world allows, after exits that are not certified;
         ``exits``; and ``estimator``: the gaps of the real estimator.
     """
-    network, rng = build_network(scenario), np.random.default_rng(seed)
-    motion = scenario.targets[0].motion
+    rng = np.random.default_rng(seed)
+    groups = target_groups(scenario, model)
+    results = {}
+    for k, group in enumerate(groups):
+        share = trials // len(groups) + (k < trials % len(groups))
+        results[group.name] = _attack_class(group, share, rng, model_error_mps, progress)
+    return next(iter(results.values())) if len(groups) == 1 else _joined(results)
+
+
+def _attack_class(
+    group: TargetGroup,
+    trials: int,
+    rng: np.random.Generator,
+    model_error_mps: float | None,
+    progress: Progress | None,
+) -> dict[str, Any]:
+    network = build_network(group.scenario)
+    motion = group.scenario.targets[0].motion
     if isinstance(motion, RoadTarget):
         sound, learned = attack_roads(_road_case(network, motion, model_error_mps), trials, rng, progress)
         return _result(trials, sound, learned if model_error_mps is not None else None, {})
-    if model is None:
+    if group.model is None:
         raise CertificateError(
-            f"world {scenario.name!r}: its certificate rests on a learned model; add --learn or --model FILE"
+            f"world {group.scenario.name!r}: the certificate of target {group.name!r} rests on a learned model; add "
+            "--learn or --model FILE"
         )
-    case = flow_case(network, model, model_error_mps)
+    case = flow_case(network, group.model, model_error_mps)
     learned = attack_flow(case, trials, rng, progress)
-    extra = {"exits": learned.by_exit, "estimator": check_gaps(case, model)}
+    extra = {"exits": learned.by_exit, "estimator": check_gaps(case, group.model)}
     return _result(trials, _attack_dwell(network, trials, rng), learned, extra)
+
+
+def _joined(results: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Add up the attacks on several targets; the closest approach is that of any."""
+    closest = {}
+    for name in ("sound", "learned"):
+        known = [r["closest_fraction"][name] for r in results.values()]
+        closest[name] = max((x for x in known if x is not None), default=None)
+    return {
+        "trials": sum(r["trials"] for r in results.values()),
+        "violations": {n: sum(r["violations"][n] for r in results.values()) for n in ("sound", "learned")},
+        "closest_fraction": closest,
+        "lost": sum(r["lost"] for r in results.values()),
+        "exits": [{**e, "target": n} for n, r in results.items() for e in r.get("exits", [])],
+        "targets": results,
+    }
 
 
 def _result(
@@ -88,8 +121,7 @@ def _road_case(network: Network, motion: RoadTarget, model_error_mps: float | No
     target = RoadTargetClass(*motion.speed_mps, feature_extent(network) + 2.0 * motion.lateral_std_m)
     lines = network.scenario.roads
     roads = arcs_from_roads([np.array(r.points_m, dtype=float) for r in lines], [r.closed for r in lines])
-    _, views = road_views(network)
-    gaps = road_gaps(roads, cover_roads(roads, views, 0.0, target.extent_m))
+    gaps = road_gaps(roads, road_coverage(network, roads, target.extent_m))
     e0 = network.scenario.certificate.initial_error_m
     growth = None if model_error_mps is None else GrowthModel(0.05 if e0 is None else e0, model_error_mps)
     return RoadCase(roads, gaps, target, growth)

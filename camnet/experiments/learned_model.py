@@ -1,4 +1,4 @@
-"""The learned motion model of one target: learned in simulation by the built-in estimator, saved and loaded.
+"""The learned motion models of targets: learned in simulation by the built-in estimator, saved and loaded.
 
 A model file (``.npz``) holds the kernels, one weight matrix per region, and the record of the run that made it: the
 true path, who saw the target when, and every gap with the prediction's error at its end.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.run import decide, open_simulation, setpoints_for
 from camnet.types import Array
 
-__all__ = ["LearnedModel", "learn_model", "load_model"]
+__all__ = ["LearnedModel", "learn_model", "learn_models", "load_model", "load_models", "save_models"]
 
 _KEYS = ("centres", "precision", "weights", "path", "gaps")
 
@@ -92,6 +92,13 @@ def learn_model(
     ConfigError
         The estimator's kernels depend on the heading: the planar growth law does not apply.
     """
+    return next(iter(learn_models(scenario, seconds, seed, progress).values()))
+
+
+def learn_models(
+    scenario: Scenario, seconds: float, seed: int, progress: Callable[[float], None] | None = None
+) -> dict[str, LearnedModel]:
+    """Simulate the network in closed loop and return what was learned of every target, by its name."""
     simulation = open_simulation(scenario, seed, ("learned",))
     try:
         if simulation.network.basis.centres.shape[1] != 2:
@@ -99,33 +106,53 @@ def learn_model(
                 f"estimator.basis.inputs = {scenario.estimator.basis.inputs!r}: the learned certificate needs a "
                 "velocity that depends on the position alone; use 'position'"
             )
-        return _collect(simulation, _follow(simulation, seconds, progress))
+        paths = _follow(simulation, seconds, progress)
+        return {t.name: _collect(simulation, m, paths[m]) for m, t in enumerate(scenario.targets)}
     finally:
         simulation.world.close()
 
 
+def save_models(models: Mapping[str, LearnedModel], folder: Path) -> None:
+    """Write ``model.npz`` for the first target and ``model_<name>.npz`` for each further one."""
+    for k, (name, model) in enumerate(models.items()):
+        model.save(folder / ("model.npz" if k == 0 else f"model_{name}.npz"))
+
+
+def load_models(path: Path, targets: Sequence[str]) -> dict[str, LearnedModel]:
+    """Read the models that ``save_models`` wrote: ``path`` is the first target's, the others lie beside it."""
+    models = {targets[0]: load_model(path)}
+    for name in targets[1:]:
+        beside = path.parent / f"model_{name}.npz"
+        if beside.is_file():
+            models[name] = load_model(beside)
+    return models
+
+
 def _follow(
     simulation: NetworkSimulation, seconds: float, progress: Callable[[float], None] | None
-) -> list[tuple[float, float, float, float]]:
-    path = []
+) -> list[list[tuple[float, float, float, float]]]:
+    paths: list[list[tuple[float, float, float, float]]] = [[] for _ in simulation.driving]
     for k in range(round(seconds * simulation.network.scenario.run.decision_hz)):
         simulation.advance(setpoints_for(simulation, decide(simulation)))
         now = simulation.snapshot
-        x, y = now.target_p_world[0, :2].tolist()
-        path.append((now.t_s, x, y, float(simulation.seen_by(0))))
+        for m, path in enumerate(paths):
+            x, y = now.target_p_world[m, :2].tolist()
+            path.append((now.t_s, x, y, float(simulation.seen_by(m))))
         if progress is not None and k % 10 == 0:
             progress(now.t_s)
-    return path
+    return paths
 
 
-def _collect(simulation: NetworkSimulation, path: list[tuple[float, float, float, float]]) -> LearnedModel:
-    driving = simulation.driving[0]
+def _collect(
+    simulation: NetworkSimulation, m: int, path: list[tuple[float, float, float, float]]
+) -> LearnedModel:
+    driving = simulation.driving[m]
     if not isinstance(driving, LearningEstimator):
         raise ConfigError("only the learning estimator leaves a model behind")
     weights = [driving.model(j).weights.copy() for j in range(len(simulation.network.regions))]
     gaps = [
         (g.from_camera, g.to_camera, g.lost_s, g.seen_s, g.error_m["learned"])
-        for g in simulation.gaps[0].gaps
+        for g in simulation.gaps[m].gaps
     ]
     basis = simulation.network.basis
     return LearnedModel(

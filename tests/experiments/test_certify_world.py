@@ -13,8 +13,15 @@ from camnet.certification.growth import PlanarField
 from camnet.certification.site import views_of
 from camnet.certification.transitions import RoadTargetClass
 from camnet.config.load import load_scenario
+from camnet.config.models import Occluder
 from camnet.errors import CertificateError, DataError
-from camnet.experiments.certify_flow import certify_learned, flow_case, model_errors, true_velocity
+from camnet.experiments.certify_flow import (
+    certify_learned,
+    flow_case,
+    ground_of,
+    model_errors,
+    true_velocity,
+)
 from camnet.experiments.certify_site import (
     certify_cameras,
     certify_road_cameras,
@@ -25,9 +32,11 @@ from camnet.experiments.falsify import falsify_world
 from camnet.experiments.falsify_flow import velocities
 from camnet.experiments.learned_model import LearnedModel, load_model
 from camnet.experiments.recorded_people import check_recorded
+from camnet.experiments.target_groups import target_groups
 from camnet.geometry.frustum import Frustum
-from camnet.geometry.settings import CameraModel, Intrinsics
+from camnet.geometry.settings import Box, CameraModel, Intrinsics
 from camnet.importers.sumo_detectors import read_detectors, read_sensor_table
+from camnet.motion.settings import RoadTarget
 from camnet.motion.track import Track
 from camnet.report.certificate import write_certificate
 from camnet.simulation.network import build_network
@@ -173,6 +182,126 @@ def test_road_world_by_hand_and_hostile_drivers():
     attack = falsify_world(scenario, 400, 0, model_error_mps=0.05)
     assert attack["violations"] == {"sound": 0, "learned": 0}
     assert attack["closest_fraction"]["sound"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_every_target_is_certified_and_one_without_a_model_is_not(certified_world):
+    scenario, model = certified_world
+    first = scenario.targets[0]
+    second = first.model_copy(update={"name": "second", "v_max_mps": 0.7})
+    both = scenario.model_copy(update={"targets": (first, second)})
+    report = certify_world(both, {"robot": model, "second": model}, find_largest=False).report
+    assert report["certificates"]["learned"]["verdict"] == "certified"
+    assert {t["target"] for t in report["transitions"]} == {"robot", "second"}
+    assert len(report["transitions"]) == 8
+    alone = certify_world(both, model, find_largest=False).report
+    assert alone["certificates"]["learned"]["verdict"] == "not certified"
+    assert "second" in alone["certificates"]["learned"]["reason"]
+    assert {t["target"] for t in alone["uncertified"]} == {"second"}
+    attack = falsify_world(both, 40, 0, {"robot": model, "second": model})
+    assert (attack["trials"], attack["violations"]["learned"]) == (40, 0)
+    with pytest.raises(CertificateError, match="second"):
+        falsify_world(both, 4, 0, model)
+
+
+def test_equal_road_targets_are_one_class_and_others_are_not():
+    scenario = load_scenario("patrol")
+    van = scenario.targets[0]
+    twin = van.model_copy(update={"name": "twin", "motion": van.motion.model_copy(update={"road": "south"})})
+    slow = van.model_copy(
+        update={"name": "slow", "motion": van.motion.model_copy(update={"speed_mps": (0.3, 0.5)})}
+    )
+    names = [g.name for g in target_groups(scenario.model_copy(update={"targets": (van, twin, slow)}), None)]
+    assert names == ["vehicle, twin", "slow"]
+    report = certify_world(scenario.model_copy(update={"targets": (van, twin, slow)})).report
+    assert report["certificates"]["sound"]["verdict"] == "not certified"  # 0.3 m/s needs longer than 60 s
+    assert {t["target"] for t in report["uncertified"]} == {"slow"}
+
+
+MIXED = """
+name: mixed
+cameras:
+  - name: cam
+    intrinsics: {width_px: 640, height_px: 520, fx_px: 417.0, fy_px: 417.0, cx_px: 320.0, cy_px: 260.0}
+    near_m: 0.5
+    far_m: 6.0
+regions:
+  - {name: east, shape: {type: box, min_m: [2.2, -2.0, 0.0], max_m: [6.2, 2.0, 3.8]}}
+  - name: west
+    shape:
+      type: extruded_polygon
+      vertices_m: [[-6.0, -2.0], [-2.2, -2.0], [-2.2, 2.0], [-6.0, 2.0], [-5.7, 0.0]]
+      z_m: [0.0, 3.8]
+agents:
+  - {name: a0, region: east, camera: cam, start_m: [4.2, 0.0, 2.5]}
+  - {name: a1, region: west, camera: cam, start_m: [-4.2, 0.0, 2.5]}
+fixed_cameras:
+  - {name: north, camera: cam, pose: {position_m: [0.0, 4.2, 3.4], quaternion_wxyz: [0, 1, 0, 0]}}
+  - {name: south, camera: cam, pose: {position_m: [0.0, -4.2, 3.4], quaternion_wxyz: [0, 1, 0, 0]}}
+roads:
+  - name: loop
+    closed: true
+    points_m: [[4.2, 0.0], [3.88, 1.61], [2.97, 2.97], [1.61, 3.88], [0.0, 4.2], [-1.61, 3.88], [-2.97, 2.97],
+               [-3.88, 1.61], [-4.2, 0.0], [-3.88, -1.61], [-2.97, -2.97], [-1.61, -3.88], [0.0, -4.2],
+               [1.61, -3.88], [2.97, -2.97], [3.88, -1.61]]
+targets:
+  - name: robot
+    motion: {kind: vector_field, field: loop, road: loop, speed_mps: 0.4}
+    start_m: [4.2, -0.6]
+    start_heading_rad: 1.57
+estimator:
+  basis: {width_m: 1.0, spacing_m: 0.7, margin_m: 1.5}
+  gap: {prior: none}
+certificate: {off_max_s: 20.0, initial_error_m: 0.03, corridor_m: 0.01}
+"""
+
+
+def test_agents_and_fixed_cameras_in_one_network_and_a_region_that_is_not_convex(tmp_path):
+    file = tmp_path / "world.yaml"
+    file.write_text(MIXED)
+    scenario = load_scenario(file)
+    network = build_network(scenario)
+    case = flow_case(network, fitted_model(network))
+    assert [a is None for a in case.agents] == [False, False, True, True]
+    report = certify_learned(case, find_largest=False)
+    assert report["network"] == {"cameras": 4, "regions": 2}
+    verdicts = {(t["from"], t["to"]): t["learned"]["verdict"] for t in report["transitions"]}
+    assert verdicts == dict.fromkeys(
+        [("east", "north"), ("north", "west"), ("west", "south"), ("south", "east")], "certified"
+    )
+    attack = falsify_world(scenario, 200, 0, fitted_model(network))
+    assert (attack["violations"]["learned"], attack["lost"]) == (0, 0)
+    # the same network for a vehicle on the road
+    road = RoadTarget(kind="road", road="loop", speed_mps=(0.3, 0.5))
+    vehicle = scenario.targets[0].model_copy(
+        update={"motion": road, "start_m": None, "start_heading_rad": None}
+    )
+    driven = scenario.model_copy(update={"targets": (vehicle,)})
+    report = certify_world(driven).report
+    assert report["certificates"]["sound"]["verdict"] == "certified"
+    assert any("footprint" in words for words in report["assumptions"])
+
+
+def test_an_occluder_takes_its_shadow_from_the_certificate(certified_world):
+    """A block on the road below camera "north": the ball must fit a smaller view."""
+    scenario, model = certified_world
+    block = Occluder(name="block", shape=Box(type="box", min_m=(-0.4, 3.2, 0.0), max_m=(0.4, 5.2, 2.2)))
+    shaded = scenario.model_copy(update={"occluders": (block,)})
+    bright, dark = (ground_of(build_network(s))[1] for s in (scenario, shaded))
+    assert bright.name == dark.name == "north"
+    assert dark.outline.area < 0.7 * bright.outline.area
+    network = build_network(shaded)
+    rng = np.random.default_rng(0)
+    eye = network.description.cameras[1].p_world
+    region = network.occluders[0]
+    for x, y in rng.uniform((-2.5, 2), (2.5, 6.4), (150, 2)):
+        if dark.view.depth(np.array([x, y])) < 0.0:
+            continue
+        ray = eye + np.linspace(0, 1, 400)[:, None] * (np.array([x, y, 0.0]) - eye)
+        assert not region.contains(ray).any()  # what counts as seen is seen
+    before = certify_world(scenario, model, find_largest=False).report["transitions"]
+    after = certify_world(shaded, model, find_largest=False).report["transitions"]
+    margin = {t["from"]: t["learned"]["margin_m"] for t in before}
+    assert all(t["learned"]["margin_m"] <= margin[t["from"]] + 1e-9 for t in after if t["from"] == "east")
 
 
 def test_a_wrong_longest_way_is_found_out():
