@@ -29,6 +29,7 @@ def test_one_world_meets_both_criteria_and_reports(tmp_path):
     result = run(1, tmp_path, seed=0)
     assert result["both"] == 1.0
     assert result["iterations"]["one_near"] <= 3
+    assert result["descents"]["unsafe_plans"] == 0
     assert (tmp_path / "navigation-plan.png").stat().st_size > 10_000
     assert (tmp_path / "navigation-convergence.png").stat().st_size > 5_000
 
@@ -79,3 +80,6 @@ def test_a_quadrotor_crosses_a_hundred_rooms_without_touching():
 def test_two_hundred_worlds():
     result = run(200)
     assert result["both"] >= 0.95
+    assert result["iterations"]["one_near"] <= 3
+    assert result["iterations"]["two_near"] <= 4
+    assert result["descents"]["unsafe_plans"] == 0

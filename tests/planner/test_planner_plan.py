@@ -8,6 +8,8 @@ import pytest
 from camnet.control.planner import Planner, PlannerSettings, Waypoint, box, ellipsoid, sphere
 from camnet.control.planner.objective import BAND
 from camnet.control.planner.obstacles import pack
+from camnet.control.planner.plan import Level
+from camnet.control.planner.planner import _Task
 from camnet.control.planner.solver import _Objective, minimise
 from camnet.errors import ConfigError
 from camnet.geometry.regions import BoxRegion
@@ -23,9 +25,8 @@ def planner():
 
 
 def problem_of(planner, obstacles, guess):
-    from camnet.control.planner.planner import Level
-
-    return planner._problem(guess, GOALS, pack(obstacles), Level(), False)
+    task = _Task(START, SPEED, tuple(GOALS), pack(obstacles), len(guess), False)
+    return planner._problem(task, guess, Level())
 
 
 def dense(objective, n):
@@ -76,7 +77,7 @@ def test_without_obstacles_the_descent_finds_the_same_plan_from_afar(planner):
     guess[0, :6] = plan.states[0, :6]
     problem = problem_of(planner, [], plan.states)
     problem = replace(problem, start=np.array([*plan.states[0, 6:], *problem.start[4:]]))
-    again = minimise(problem, guess, 1e-4, 60, plan.solution.statistics)
+    again = minimise(problem, guess, 1e-4, 60, plan.statistics)
     np.testing.assert_allclose(again.states[:, :3], plan.states[:, :3], atol=0.1)
     assert (np.diff(again.costs) <= 1e-9).all()
 
@@ -107,6 +108,58 @@ def test_renewing_a_plan_that_was_followed_takes_one_iteration(planner):
         assert plan.warm
         assert plan.safe
         assert plan.iterations <= 3
+
+
+def test_a_capped_descent_goes_on_where_it_stopped_and_ends_where_the_whole_one_does(planner):
+    guess = planner.plan(START, SPEED, GOALS).states
+    problem = problem_of(planner, [ellipsoid((15, 1, 0), (2, 3, 3))], guess)
+    whole = minimise(problem, guess, 1e-3, 60)
+    assert whole.iterations > 4
+    part, solves = minimise(problem, guess, 1e-3, 3), 3
+    while not part.converged:
+        assert part.iterations <= 3
+        part = minimise(problem, part.states, 1e-3, 3, part.statistics, part.damping)
+        solves += part.iterations
+    np.testing.assert_array_equal(part.states, whole.states)
+    assert solves == whole.iterations
+
+
+def test_no_call_solves_more_than_it_may_and_the_rest_is_carried_on():
+    capped, free = Planner(PlannerSettings(solves_per_plan=3)), Planner(PlannerSettings())
+    obstacle = ellipsoid((15, 1, 0), (2, 3, 3))
+    want = free.plan(START, SPEED, GOALS, [obstacle])
+    assert want.solves > 3
+    plan, calls = capped.plan(START, SPEED, GOALS, [obstacle]), 1
+    while plan.pending is not None and calls < 20:  # a body that stands still in time: the same call again
+        assert plan.solves <= 3
+        plan = capped.plan(START, SPEED, GOALS, [obstacle], last=plan, elapsed_steps=0)
+        calls += 1
+    assert plan.safe
+    assert plan.met
+    assert 1 < calls <= 7
+    assert plan.cost == pytest.approx(want.cost, rel=0.05)
+
+
+def test_a_checked_plan_stays_in_force_until_there_is_a_better_one():
+    planner = Planner(PlannerSettings(solves_per_plan=1))
+    last = planner.plan(START, SPEED, GOALS)
+    assert last.safe
+    kept = 0
+    wall = ellipsoid((45, 0, 0), (2, 6, 6))
+    for k in range(1, 9):
+        goals = [
+            Waypoint(10.0 - k, GOALS[0].p_world, COVARIANCE),
+            Waypoint(20.0 - k, np.array([60.0, 0, 0]), COVARIANCE),
+        ]
+        plan = planner.plan(last.curve.x[1], last.curve.v[1], goals, [wall], last=last)
+        assert plan.solves <= 1
+        assert plan.safe
+        if plan.kept:
+            kept += 1
+            np.testing.assert_array_equal(plan.states, last.states[1:])
+        last = plan
+    assert last.met  # found on the way
+    assert kept < 8
 
 
 def test_a_plan_to_rest_stays_in_its_region():

@@ -64,6 +64,13 @@ def curve_clearance(x: Array, v: Array, tau: float, row: Array, resolution: floa
     lowest, best, when = math.inf, math.inf, 0.0
     if not (np.isfinite(x).all() and np.isfinite(v).all()):
         return -math.inf, 0.0
+    for i in range(x.shape[0] - 1):  # a first upper bound, so that far pieces are left at once
+        _coefficients(x, v, i, tau, row, c)
+        for j in range(2):
+            _cubic(c, 0.5 * j, p)
+            d = signed_distance(row, p, 0.0, normal)
+            if d < best:
+                best, when = d, (i + 0.5 * j) * tau
     for i in range(x.shape[0] - 1):
         _coefficients(x, v, i, tau, row, c)
         stack[0, 0], stack[0, 1] = 0.0, 1.0

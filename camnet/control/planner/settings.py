@@ -22,7 +22,8 @@ class PlannerSettings(Settings):
     1/(1 + exp((margin_m - d)/softness_m)), ``obstacle_rate_hz`` times a second, looked at ``samples_per_step`` times
     a step. A plan is accepted only when its curve keeps ``safety_m`` from every obstacle and ``region_margin_m`` from
     the region's border; waypoints count ``waypoint_weight`` times, a reserve. It has converged when
-    no position moves by more than ``tolerance_m``.
+    no position moves by more than ``tolerance_m``; a descent solves at most ``iterations_max`` linear systems, a call
+    at most ``solves_per_plan`` (None: all it needs), the rest is left to the next call.
     """
 
     dt_s: Positive = 1.0
@@ -45,5 +46,7 @@ class PlannerSettings(Settings):
     region_margin_m: NonNegative = 0.25
     tolerance_m: Positive = 0.05
     iterations_max: _Count = 40
+    patience: _Count = 15
+    solves_per_plan: _Count | None = None
     directions: _Count = 8
     attempts: _Count = 5

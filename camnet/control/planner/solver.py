@@ -50,7 +50,10 @@ class Statistics:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Solution:
-    """Trajectory (n,10), objective, linear solves, whether it converged; steps (m) and objectives on the way."""
+    """Result of a descent: trajectory (n,10), objective, linear solves (rejected ones too), whether it converged.
+
+    ``steps`` (m) and ``costs`` are those on the way; ``damping`` is what a continued descent starts with.
+    """
 
     states: Array
     cost: float
@@ -59,6 +62,7 @@ class Solution:
     steps: tuple[float, ...]
     costs: tuple[float, ...]
     statistics: Statistics
+    damping: float = 0.0
 
 
 def objective(problem: Problem, states: Array) -> float:
@@ -92,41 +96,45 @@ class _Objective:
 
 
 def minimise(
-    problem: Problem, guess: Array, tolerance_m: float, iterations_max: int, kept: Statistics | None = None
+    problem: Problem,
+    guess: Array,
+    tolerance_m: float,
+    solves_max: int,
+    kept: Statistics | None = None,
+    damping: float = 0.0,
 ) -> Solution:
     """Trajectory (n,10) of least objective near ``guess``, whose first position and velocity are held.
 
-    ``kept`` are the statistics of the plan that ``guess`` continues (None: taken about
-    the guess). Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases
-    any more.
+    ``kept`` and ``damping`` are those of the descent that ``guess`` continues (statistics None: taken about the
+    guess). Converged: a step of full length moves no sample by more than ``tolerance_m``, or nothing decreases any
+    more. At most ``solves_max`` linear systems are solved.
     """
     s, n = np.array(guess, dtype=float), len(guess)
     at = _Objective(problem, s, kept)
-    damping = 0.0
     steps: list[float] = []
-    cost = at(s)
+    cost, solves = at(s), 0
     costs, converged = [cost], False
-    while len(steps) < iterations_max and not converged:
+    while solves < solves_max and not converged:
         system(at.g, at.ab)
         gradient, band = at.g.copy(), at.ab.copy()
-        while True:
+        trial, new = None, np.inf
+        while solves < solves_max and damping <= _DAMPING_MAX:
+            solves += 1
             trial = _step(band, gradient, damping, n)
             new = at(s + trial) if trial is not None else np.inf
             if new <= cost + 1e-12 * abs(cost):
                 break
-            damping = max(4.0 * damping, 1e-3)
-            if damping > _DAMPING_MAX:
-                return Solution(s, cost, len(steps) + 1, True, (*steps, 0.0), tuple(costs), at.statistics)
-        assert trial is not None
+            trial, damping = None, max(4.0 * damping, 1e-3)
+        if trial is None:  # nothing decreases, or the solves are spent
+            converged, damping = damping > _DAMPING_MAX, min(damping, _DAMPING_MAX)
+            break
         s = s + trial
         steps.append(float(np.linalg.norm(trial[:, :3], axis=1).max()))
-        converged = steps[-1] <= tolerance_m * (1.0 if damping < 1.0 else 0.0) or cost - new <= _FLAT * abs(
-            cost
-        )
+        converged = (damping < 1.0 and steps[-1] <= tolerance_m) or cost - new <= _FLAT * abs(cost)
         cost = new
         costs.append(cost)
         damping = 0.25 * damping if damping > 1e-3 else 0.0
-    return Solution(s, cost, len(steps), converged, tuple(steps), tuple(costs), at.statistics)
+    return Solution(s, cost, solves, converged, tuple(steps), tuple(costs), at.statistics, damping)
 
 
 def _step(band: Array, gradient: Array, damping: float, n: int) -> Array | None:
