@@ -4,22 +4,43 @@
 >>> conformance.check_all(lambda: handoff_v0.parallel_env(world="quickstart", max_cycles=50))
 
 PettingZoo's `parallel_seed_test` stops after one step and its `parallel_api_test` accepts observations outside their
-space; these do not.
+space; these do not. `camnet.env.strategies` makes random environments to run them on.
+
+| check | what |
+| --- | --- |
+| `check_pettingzoo` | PettingZoo's API tests of the parallel form and of its AEC conversion, silent |
+| `check_containment` | whole random episodes: spaces, types, finiteness, keys; agents that ended stay away |
+| `check_repeatable` | a seed gives one episode, bit for bit, in two instances and after another episode |
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Callable
+import io
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
-from pettingzoo.test import parallel_api_test
+from pettingzoo.test import api_test, parallel_api_test
+from pettingzoo.utils.conversions import parallel_to_aec
 
-__all__ = ["ConformanceError", "check_all", "check_containment", "check_repeatable", "episode_digest"]
+__all__ = [
+    "ConformanceError",
+    "check_all",
+    "check_containment",
+    "check_pettingzoo",
+    "check_repeatable",
+    "episode_digest",
+]
 
 MakeEnv = Callable[[], ParallelEnv[str, Any, Any]]
+
+
+_RETURNED = ("observations", "rewards", "terminations", "truncations", "infos")
 
 
 class ConformanceError(AssertionError):
@@ -27,12 +48,21 @@ class ConformanceError(AssertionError):
 
 
 def check_all(make_env: MakeEnv, episodes: int = 2, seed: int = 0) -> None:
-    """Run PettingZoo's parallel API test and every check of this module."""
-    env = make_env()
-    parallel_api_test(env, num_cycles=20)
-    env.close()
+    """Run every check of this module."""
+    check_pettingzoo(make_env)
     check_containment(make_env, episodes, seed)
     check_repeatable(make_env, seed)
+
+
+def check_pettingzoo(make_env: MakeEnv, cycles: int = 20) -> None:
+    """Run PettingZoo's API tests on the parallel form and on its conversion; nothing is printed."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        env = make_env()
+        parallel_api_test(env, num_cycles=cycles)
+        env.close()
+        converted = parallel_to_aec(make_env())
+        api_test(converted, num_cycles=cycles)
+        converted.close()
 
 
 def check_containment(make_env: MakeEnv, episodes: int = 2, seed: int = 0) -> None:
@@ -45,23 +75,33 @@ def check_containment(make_env: MakeEnv, episodes: int = 2, seed: int = 0) -> No
     """
     env = make_env()
     for episode in range(episodes):
-        observations, infos = env.reset(seed=seed + episode)
-        rng = np.random.default_rng(seed + episode)
-        _same_keys("observations of reset", observations, env.agents)
-        _same_keys("infos of reset", infos, env.agents)
-        _check_observations(env, observations, step=0)
-        step = 0
-        while env.agents:
-            step += 1
-            before = list(env.agents)
-            results = env.step({name: _sample(env, name, rng) for name in env.agents})
-            for what, content in zip(
-                ("observations", "rewards", "terminations", "truncations", "infos"), results, strict=True
-            ):
-                _same_keys(f"{what} of step {step}", content, before)
-            _check_observations(env, results[0], step)
-            _check_outcome(env, results, step)
+        _check_episode(env, seed + episode)
     env.close()
+
+
+def _check_episode(env: ParallelEnv[str, Any, Any], seed: int) -> None:
+    observations, infos = env.reset(seed=seed)
+    if set(env.agents) != set(env.possible_agents):
+        raise ConformanceError(f"after reset {env.agents} are live, of {env.possible_agents}")
+    rng, step, gone = np.random.default_rng(seed), 0, set[str]()
+    _same_keys("observations of reset", observations, env.agents)
+    _same_keys("infos of reset", infos, env.agents)
+    _check_observations(env, observations, step=0)
+    while env.agents:
+        step += 1
+        before = list(env.agents)
+        results = env.step({name: _sample(env, name, rng) for name in env.agents})
+        for what, content in zip(_RETURNED, results, strict=True):
+            _same_keys(f"{what} of step {step}", content, before)
+        _check_observations(env, results[0], step)
+        _check_outcome(env, results, step)
+        if gone & set(env.agents):
+            raise ConformanceError(f"step {step}: {sorted(gone & set(env.agents))} had ended and are back")
+        gone |= set(before) - set(env.agents)
+    if any(env.step({})):
+        raise ConformanceError(
+            "a step after the end returns something; five empty dictionaries were expected"
+        )
 
 
 def check_repeatable(make_env: MakeEnv, seed: int = 0) -> None:
@@ -86,22 +126,35 @@ def check_repeatable(make_env: MakeEnv, seed: int = 0) -> None:
 def episode_digest(env: ParallelEnv[str, Any, Any], seed: int, actions_seed: int = 0) -> str:
     """Digest of everything that one whole episode under random actions returns, bit for bit."""
     digest = hashlib.sha256()
-    observations, _ = env.reset(seed=seed)
+    observations, infos = env.reset(seed=seed)
     rng = np.random.default_rng(actions_seed)
     while env.agents:
         for name in sorted(observations):
-            digest.update(np.ascontiguousarray(observations[name]).tobytes())
-        observations, rewards, *ends, _ = env.step({name: _sample(env, name, rng) for name in env.agents})
+            for part in _parts(observations[name]):
+                digest.update(np.ascontiguousarray(part).tobytes())
+        observations, rewards, *ends, infos = env.step({name: _sample(env, name, rng) for name in env.agents})
         digest.update(repr((sorted(rewards.items()), [sorted(end.items()) for end in ends])).encode())
         digest.update(np.ascontiguousarray(env.state()).tobytes())
+    digest.update(repr(sorted(infos.items())).encode())
     return digest.hexdigest()
+
+
+def _parts(observation: Any) -> Iterator[NDArray[Any]]:  # noqa: ANN401 - whatever an environment returns
+    """Arrays of an observation, of which a dictionary holds several."""
+    if isinstance(observation, dict):
+        for key in sorted(observation):
+            yield from _parts(observation[key])
+    else:
+        yield np.asarray(observation)
 
 
 def _sample(env: ParallelEnv[str, Any, Any], name: str, rng: np.random.Generator) -> Any:  # noqa: ANN401
     space: Any = env.action_space(name)
-    if hasattr(space, "low"):
+    if isinstance(space, spaces.Box):
         return rng.uniform(space.low, space.high).astype(space.dtype)
-    return int(rng.integers(space.n))
+    if isinstance(space, spaces.Discrete):
+        return np.int64(space.start + rng.integers(space.n))
+    raise ConformanceError(f"action space of {name} is {space}; a Box or Discrete was expected")
 
 
 def _same_keys(what: str, content: dict[str, Any], agents: list[str]) -> None:
@@ -116,18 +169,36 @@ def _check_observations(env: ParallelEnv[str, Any, Any], observations: dict[str,
             raise ConformanceError(f"spaces of {name} are made anew on every call; they must be cached")
         if not space.contains(observation):
             raise ConformanceError(f"step {step}: observation of {name} is not in {space}: {observation!r}")
+        if any(part.dtype != np.float32 for part in _parts(observation)):  # a space accepts what can be cast
+            raise ConformanceError(f"step {step}: observation of {name} holds numbers that are not float32")
 
 
 def _check_outcome(env: ParallelEnv[str, Any, Any], results: tuple[dict[str, Any], ...], step: int) -> None:
-    _, rewards, terminations, truncations, _ = results
+    _, rewards, terminations, truncations, infos = results
     for name, reward in rewards.items():
-        if not np.isfinite(reward):
-            raise ConformanceError(f"step {step}: reward of {name} is {reward}")
+        if not isinstance(reward, float) or not np.isfinite(reward):
+            raise ConformanceError(
+                f"step {step}: reward of {name} is {reward!r}; a finite float was expected"
+            )
+        for what, end in (("termination", terminations[name]), ("truncation", truncations[name])):
+            if type(end) is not bool:
+                raise ConformanceError(
+                    f"step {step}: {what} of {name} is {end!r}; True or False was expected"
+                )
         ended = terminations[name] or truncations[name]
         if ended == (name in env.agents):
             raise ConformanceError(
                 f"step {step}: {name} ended is {ended}, yet among the live agents is {not ended}"
             )
+        _check_mask(env, name, infos[name].get("action_mask"), step)
     state = env.state()
     if not env.state_space.contains(state):
         raise ConformanceError(f"step {step}: the state is not in its space: {state!r}")
+
+
+def _check_mask(env: ParallelEnv[str, Any, Any], name: str, mask: Any, step: int) -> None:  # noqa: ANN401
+    if mask is None:
+        return
+    space: Any = env.action_space(name)
+    if mask.dtype != np.int8 or mask.shape != (space.n,) or not mask.any():
+        raise ConformanceError(f"step {step}: action mask of {name} is {mask!r} for {space}")
