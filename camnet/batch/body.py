@@ -1,0 +1,346 @@
+"""Flight of one quadrotor with its gimbal for a control period: inner loop, rotors, air, rigid body, all in registers.
+
+The inner loop is that of `camnet.control.quadrotor` (whose compiled form works on arrays, all agents at once), the
+rigid body that of Bullet's multi-body base without joints (Bullet 3, ``btMultiBody``): semi-implicit Euler,
+
+The inner loop runs once in ``substeps`` physics steps, the force and torque it makes are held meanwhile; rotors and
+gimbal follow at the physics rate.
+
+    v+ = v + dt (F / m + g)          w+ = w + dt R J^-1 (tau - w_b x J w_b)          gyroscopic term explicit
+    p+ = p + dt v+                   q+ = exp(dt w+ / 2) q, normalised               with the new velocities
+
+so a trajectory agrees with PyBullet's to rounding as long as nothing touches.
+
+| array | row of one agent | as in |
+| --- | --- | --- |
+| ``bodies`` | p (3), q as x y z w (4), v (3), w_world (3) | `camnet.control.quadrotor_kernel` |
+| ``memory`` | rotors (4), gimbal angles and rates (3, 3), integral (3), thrust axis and its rate (3, 3) | the same |
+| ``command`` | camera velocity (3), acceleration (3), camera angular velocity (3), yaw, wind (3) | the same |
+| ``c`` | ``pack_model`` (27,) | the same |
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from camnet.batch.triples import Quaternion, Triple, cosine_and_sine, multiply, rotate, size, turn
+from camnet.types import Array
+
+__all__ = ["camera_of", "fly"]
+
+_Matrix = tuple[Triple, Triple, Triple]
+_FourRotors = tuple[float, float, float, float]
+
+
+@njit(cache=True)
+def _matrix(x: float, y: float, z: float, w: float) -> _Matrix:
+    """Rows of the rotation matrix of the quaternion x y z w."""
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+@njit(cache=True)
+def _out_of(r: _Matrix, v: Triple) -> Triple:
+    """``r v``."""
+    return (
+        r[0][0] * v[0] + r[0][1] * v[1] + r[0][2] * v[2],
+        r[1][0] * v[0] + r[1][1] * v[1] + r[1][2] * v[2],
+        r[2][0] * v[0] + r[2][1] * v[1] + r[2][2] * v[2],
+    )
+
+
+@njit(cache=True)
+def _into(r: _Matrix, v: Triple) -> Triple:
+    """``r^T v``."""
+    return (
+        r[0][0] * v[0] + r[1][0] * v[1] + r[2][0] * v[2],
+        r[0][1] * v[0] + r[1][1] * v[1] + r[2][1] * v[2],
+        r[0][2] * v[0] + r[1][2] * v[1] + r[2][2] * v[2],
+    )
+
+
+@njit(cache=True)
+def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Array) -> tuple[Triple, Triple]:
+    """Commanded acceleration before gravity and drag, and the velocity integral after the step."""
+    kv, ki, a_max = c[16], c[17], c[15]
+    ex, ey, ez = u[0] - v[0], u[1] - v[1], u[2] - v[2]
+    fx, fy, fz = a[0] + kv * ex + integral[0], a[1] + kv * ey + integral[1], a[2] + kv * ez + integral[2]
+    length = size(fx, fy, fz)
+    if length > a_max:
+        scale = a_max / length
+        return (fx * scale, fy * scale, fz * scale), integral
+    gain = c[0] * ki
+    return (fx, fy, fz), (integral[0] + gain * ex, integral[1] + gain * ey, integral[2] + gain * ez)
+
+
+@njit(cache=True)
+def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Array) -> Triple:
+    """Angular velocity of the desired thrust direction, filtered and bounded."""
+    decay, fastest, per_s = c[24], c[25], 1.0 / c[0]
+    tx, ty, tz = (
+        (old[1] * axis[2] - old[2] * axis[1]) * per_s,
+        (old[2] * axis[0] - old[0] * axis[2]) * per_s,
+        (old[0] * axis[1] - old[1] * axis[0]) * per_s,
+    )
+    x, y, z = tx + (rate[0] - tx) * decay, ty + (rate[1] - ty) * decay, tz + (rate[2] - tz) * decay
+    length = size(x, y, z)
+    if length > fastest:
+        return x * (fastest / length), y * (fastest / length), z * (fastest / length)
+    return x, y, z
+
+
+@njit(cache=True)
+def _torque(
+    r: _Matrix, axis: Triple, heading: tuple[float, float], w: Triple, rate: Triple, c: Array
+) -> Triple:
+    """Body torque towards the attitude with z along ``axis`` and x towards the heading (cosine, sine)."""
+    hx, hy = heading
+    x, y, z = -axis[2] * hy, axis[2] * hx, axis[0] * hy - axis[1] * hx
+    scale = 1.0 / size(x, y, z)
+    side = (x * scale, y * scale, z * scale)
+    front = (
+        side[1] * axis[2] - side[2] * axis[1],
+        side[2] * axis[0] - side[0] * axis[2],
+        side[0] * axis[1] - side[1] * axis[0],
+    )
+    f, s, a = _into(r, front), _into(r, side), _into(r, axis)  # rows of E = D^T R
+    k_r, k_w = c[18], c[19]
+    wanted = _into(r, rate)
+    jx, jy, jz = c[2], c[3], c[4]
+    return (
+        jx * (-k_r * 0.5 * (a[1] - s[2]) - k_w * (w[0] - wanted[0])) + (jz - jy) * w[1] * w[2],
+        jy * (-k_r * 0.5 * (f[2] - a[0]) - k_w * (w[1] - wanted[1])) + (jx - jz) * w[2] * w[0],
+        jz * (-k_r * 0.5 * (s[0] - f[1]) - k_w * (w[2] - wanted[2])) + (jy - jx) * w[0] * w[1],
+    )
+
+
+@njit(cache=True)
+def _rotor(square: float, speed: float, c: Array) -> tuple[float, float]:
+    """Speed of a rotor after a period, asked for the squared speed; and the mean of its square on the way."""
+    fastest, substeps = c[8], int(c[26])
+    goal = math.sqrt(min(max(square, 0.0), fastest * fastest))
+    total = 0.0
+    for _ in range(substeps):
+        driven = min(max(speed + c[23] * (goal - speed), 0.0), fastest)
+        speed = driven + (speed - driven) * c[9]
+        total += speed * speed
+    return speed, total / substeps
+
+
+@njit(cache=True)
+def _spin(rotors: _FourRotors, thrust: float, tau: Triple, c: Array) -> tuple[_FourRotors, float, Triple]:
+    """Allocate, saturate and lag the rotors; their speeds, and the mean thrust and torque they make."""
+    arm, k, kq = c[5], c[6], c[7]
+    t, x, y, z = thrust / k, tau[0] / (arm * k), tau[1] / (arm * k), tau[2] / kq
+    a, aa = _rotor(0.25 * (t + x - y + z), rotors[0], c)
+    b, bb = _rotor(0.25 * (t + x + y - z), rotors[1], c)
+    d, dd = _rotor(0.25 * (t - x + y + z), rotors[2], c)
+    e, ee = _rotor(0.25 * (t - x - y - z), rotors[3], c)
+    made = (arm * k * (aa + bb - dd - ee), arm * k * (bb + dd - aa - ee), kq * (aa - bb + dd - ee))
+    return (a, b, d, e), k * (aa + bb + dd + ee), made
+
+
+@njit(cache=True)
+def _rigid_step(
+    p: Triple, q: Quaternion, v: Triple, w: Triple, force: Triple, torque: Triple, dt: float, c: Array
+) -> tuple[Triple, Quaternion, Triple, Triple]:
+    """One step of the rigid body under a force and a torque in the world frame; see the module's text."""
+    r = _matrix(q[1], q[2], q[3], q[0])
+    wb, tau = _into(r, w), _into(r, torque)
+    jx, jy, jz, mass = c[2], c[3], c[4], c[1]
+    grown = (
+        (tau[0] - (jz - jy) * wb[1] * wb[2]) / jx,
+        (tau[1] - (jx - jz) * wb[2] * wb[0]) / jy,
+        (tau[2] - (jy - jx) * wb[0] * wb[1]) / jz,
+    )
+    a = _out_of(r, grown)
+    w = (w[0] + dt * a[0], w[1] + dt * a[1], w[2] + dt * a[2])
+    v = (v[0] + dt * force[0] / mass, v[1] + dt * force[1] / mass, v[2] + dt * (force[2] / mass - c[13]))
+    p = (p[0] + dt * v[0], p[1] + dt * v[1], p[2] + dt * v[2])
+    q = multiply(turn(dt * w[0], dt * w[1], dt * w[2]), q)
+    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return p, (q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale), v, w
+
+
+@njit(cache=True)
+def _joint(angle: float, rate: float, goal: float, c: Array) -> tuple[float, float]:
+    """One gimbal joint after a physics step: angle and rate."""
+    fastest = c[20]
+    goal = min(max(goal, -fastest), fastest)
+    rate = goal + (rate - goal) * c[21]
+    return angle + c[0] / c[26] * rate, rate
+
+
+@njit(cache=True)
+def _gimbal_goals(
+    yaw: tuple[float, float], pan: tuple[float, float], tilt: tuple[float, float], u: Triple, w: Triple
+) -> Triple:
+    """Joint rates that turn the camera as commanded, given the joints' (cosine, sine) and the body's rate."""
+    c0, s0 = yaw
+    c1, s1 = pan
+    c2, s2 = tilt
+    x, y, z = c0 * w[0] + s0 * w[1], s0 * w[0] - c0 * w[1], -w[2]
+    x, z = c1 * x - s1 * z, s1 * x + c1 * z
+    y, z = c2 * y + s2 * z, c2 * z - s2 * y
+    wx, wy, wz = u[0] - x, u[1] - y, u[2] - z
+    safe = max(abs(c1), 0.05) * (-1.0 if c1 < 0 else 1.0)
+    yaw_rate = -(s2 * wy + c2 * wz) / safe
+    return yaw_rate, c2 * wy - s2 * wz, wx - s1 * yaw_rate
+
+
+@njit(cache=True)
+def _turned(angle: tuple[float, float], by: float) -> tuple[float, float]:
+    """(cosine, sine) of an angle that grew by a little."""
+    c, s = cosine_and_sine(by)
+    return angle[0] * c - angle[1] * s, angle[1] * c + angle[0] * s
+
+
+@njit(cache=True)
+def _turn_gimbal(
+    joints: Triple, rates: Triple, u: Triple, w0: Triple, w1: Triple, c: Array
+) -> tuple[Triple, Triple]:
+    """Joints and rates after a period in which the body's angular velocity went from ``w0`` to ``w1``."""
+    substeps = int(c[26])
+    yaw, pan, tilt = cosine_and_sine(joints[0]), cosine_and_sine(joints[1]), cosine_and_sine(joints[2])
+    for k in range(substeps):
+        share = (k + 0.5) / substeps
+        w = (
+            w0[0] + share * (w1[0] - w0[0]),
+            w0[1] + share * (w1[1] - w0[1]),
+            w0[2] + share * (w1[2] - w0[2]),
+        )
+        goals = _gimbal_goals(yaw, pan, tilt, u, w)
+        a, a_rate = _joint(joints[0], rates[0], goals[0], c)
+        b, b_rate = _joint(joints[1], rates[1], goals[1], c)
+        d, d_rate = _joint(joints[2], rates[2], goals[2], c)
+        if abs(b) > c[22]:
+            b, b_rate = min(max(b, -c[22]), c[22]), 0.0
+        yaw, pan, tilt = (
+            _turned(yaw, a - joints[0]),
+            _turned(pan, b - joints[1]),
+            _turned(tilt, d - joints[2]),
+        )
+        joints, rates = (a, b, d), (a_rate, b_rate, d_rate)
+    return joints, rates
+
+
+@njit(cache=True)
+def fly(
+    bodies: Array,
+    memory: Array,
+    e: int,
+    n: int,
+    u: Triple,
+    a: Triple,
+    w_cam: Triple,
+    heading: tuple[float, float],
+    wind: Triple,
+    c: Array,
+    periods: int,
+) -> None:
+    """Advance agent ``n`` of environment ``e`` by ``periods`` periods of the inner loop under one command.
+
+    ``bodies`` (E,N,13) and ``memory`` (E,N,19) change in place; the command is the velocity ``u``, the feedforward
+    ``a`` and the angular velocity ``w_cam`` of the camera, the body's heading as (cosine, sine), and the wind.
+    """
+    mass, gravity, v_max, substeps = c[1], c[13], c[14], int(c[26])
+    dt = c[0] / substeps
+    speed = size(u[0], u[1], u[2])
+    if speed > v_max:
+        u = (u[0] * (v_max / speed), u[1] * (v_max / speed), u[2] * (v_max / speed))
+    p = (bodies[e, n, 0], bodies[e, n, 1], bodies[e, n, 2])
+    q: Quaternion = (bodies[e, n, 6], bodies[e, n, 3], bodies[e, n, 4], bodies[e, n, 5])
+    v = (bodies[e, n, 7], bodies[e, n, 8], bodies[e, n, 9])
+    w = (bodies[e, n, 10], bodies[e, n, 11], bodies[e, n, 12])
+    rotors = (memory[e, n, 0], memory[e, n, 1], memory[e, n, 2], memory[e, n, 3])
+    joints = (memory[e, n, 4], memory[e, n, 5], memory[e, n, 6])
+    rates = (memory[e, n, 7], memory[e, n, 8], memory[e, n, 9])
+    integral = (memory[e, n, 10], memory[e, n, 11], memory[e, n, 12])
+    axis = (memory[e, n, 13], memory[e, n, 14], memory[e, n, 15])
+    rate = (memory[e, n, 16], memory[e, n, 17], memory[e, n, 18])
+    for _ in range(periods):
+        r = _matrix(q[1], q[2], q[3], q[0])
+        wb, vb = _into(r, w), _into(r, v)
+        f, integral = _specific_force(u, a, v, integral, c)
+        drag = _out_of(r, (c[10] * vb[0], c[11] * vb[1], c[12] * vb[2]))
+        fx, fy = mass * f[0] + drag[0], mass * f[1] + drag[1]
+        fz = max(mass * (f[2] + gravity) + drag[2], 0.3 * mass * gravity)
+        scale = 1.0 / size(fx, fy, fz)
+        new_axis = (fx * scale, fy * scale, fz * scale)
+        rate = _axis_rate(axis, new_axis, rate, c)
+        axis = new_axis
+        thrust = fx * r[0][2] + fy * r[1][2] + fz * r[2][2]
+        rotors, lift, tau = _spin(rotors, thrust, _torque(r, axis, heading, wb, rate, c), c)
+        air = _into(r, (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]))
+        force = _out_of(r, (-c[10] * air[0], -c[11] * air[1], lift - c[12] * air[2]))
+        torque = _out_of(r, tau)
+        for _ in range(substeps):
+            p, q, v, w = _rigid_step(p, q, v, w, force, torque, dt, c)
+        joints, rates = _turn_gimbal(joints, rates, w_cam, wb, rotate((q[0], -q[1], -q[2], -q[3]), w), c)
+    _store(bodies, memory, e, n, p, q, v, w, rotors, joints, rates)
+    for i in range(3):
+        memory[e, n, 10 + i], memory[e, n, 13 + i], memory[e, n, 16 + i] = integral[i], axis[i], rate[i]
+
+
+@njit(cache=True)
+def _store(
+    bodies: Array,
+    memory: Array,
+    e: int,
+    n: int,
+    p: Triple,
+    q: Quaternion,
+    v: Triple,
+    w: Triple,
+    rotors: _FourRotors,
+    joints: Triple,
+    rates: Triple,
+) -> None:
+    bodies[e, n, 6] = q[0]
+    for i in range(3):
+        bodies[e, n, i], bodies[e, n, 3 + i] = p[i], q[1 + i]
+        bodies[e, n, 7 + i], bodies[e, n, 10 + i] = v[i], w[i]
+        memory[e, n, 4 + i], memory[e, n, 7 + i] = joints[i], rates[i]
+    for i in range(4):
+        memory[e, n, i] = rotors[i]
+
+
+@njit(cache=True)
+def camera_of(bodies: Array, memory: Array, e: int, n: int, offset: Array, cameras: Array) -> None:
+    """Write p, q (scalar first), v (world), w (camera frame) of the agent's camera to its row of ``cameras``.
+
+    ``offset`` (3,) is the optical centre in the body frame, m; `camnet.control.camera_kernel` is the oracle.
+    """
+    q: Quaternion = (bodies[e, n, 6], bodies[e, n, 3], bodies[e, n, 4], bodies[e, n, 5])
+    w = (bodies[e, n, 10], bodies[e, n, 11], bodies[e, n, 12])
+    arm = rotate(q, (offset[0], offset[1], offset[2]))
+    (c0, s0), (c1, s1) = cosine_and_sine(0.5 * memory[e, n, 4]), cosine_and_sine(0.5 * memory[e, n, 5])
+    c2, s2 = cosine_and_sine(0.5 * memory[e, n, 6])
+    # Rz(yaw), straight down, then Ry(pan) Rx(tilt)
+    joints = multiply((0.0, c0, s0, 0.0), (c1 * c2, c1 * s2, s1 * c2, -s1 * s2))
+    full = multiply(q, joints)
+    lever = (
+        w[1] * arm[2] - w[2] * arm[1],
+        w[2] * arm[0] - w[0] * arm[2],
+        w[0] * arm[1] - w[1] * arm[0],
+    )
+    carried = rotate((full[0], -full[1], -full[2], -full[3]), w)
+    # double angles of pan and tilt
+    cp, sp, ct, st = c1 * c1 - s1 * s1, 2.0 * s1 * c1, c2 * c2 - s2 * s2, 2.0 * s2 * c2
+    yaw_rate, pan_rate, tilt_rate = memory[e, n, 7], memory[e, n, 8], memory[e, n, 9]
+    own = (
+        tilt_rate + sp * yaw_rate,
+        ct * pan_rate - st * cp * yaw_rate,
+        -st * pan_rate - ct * cp * yaw_rate,
+    )
+    for i in range(3):
+        cameras[e, n, i] = bodies[e, n, i] + arm[i]
+        cameras[e, n, 7 + i] = bodies[e, n, 7 + i] + lever[i]
+        cameras[e, n, 10 + i] = carried[i] + own[i]
+    for i in range(4):
+        cameras[e, n, 3 + i] = full[i]

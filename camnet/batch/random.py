@@ -1,0 +1,140 @@
+"""Random streams of many environments, as rows of an array: the numbers that NumPy's own generator would draw.
+
+Every environment has the generators that the one-environment simulation would have for its seed; what they draw is
+the same, so one seed is one episode on either back end. A row holds the state of NumPy's default bit generator:
+PCG64, the permuted congruential generator XSL-RR 128/64 of M. E. O'Neill, "PCG: a family of simple fast
+space-efficient statistically good algorithms for random number generation", 2014. Normal numbers are drawn by the
+ziggurat of G. Marsaglia, W. W. Tsang, "The ziggurat method for generating random variables", J. Stat. Softw. 5 (8),
+2000, with 256 layers and 52 bits, as NumPy lays it out.
+
+| column of a row (4,), uint64 | meaning |
+| --- | --- |
+| 0, 1 | high and low half of the state s |
+| 2, 3 | high and low half of the increment c; ``s+ = a s + c`` modulo 2^128 |
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from camnet.types import Array
+
+__all__ = ["Streams", "normal", "stream_of", "uniform"]
+
+Streams = NDArray[np.uint64]
+
+_A_HIGH, _A_LOW = np.uint64(0x2360ED051FC65DA4), np.uint64(0x4385DF649FCCF645)
+_MASK_32, _32, _63 = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(63)
+_64, _58, _11, _8, _1 = np.uint64(64), np.uint64(58), np.uint64(11), np.uint64(8), np.uint64(1)
+_255, _MASK_52 = np.uint64(255), np.uint64((1 << 52) - 1)
+_TO_UNIT = 1.0 / (1 << 53)
+_LAYERS = 256
+#: where the tail begins, for 256 layers of exp(-x^2/2)
+_R = 3.6541528853610088
+
+
+def _ziggurat() -> tuple[Streams, Array, Array]:
+    """Tables k (256,), w (256,), f (256,): accept below k without more ado, scale to x, density at the layer's edge."""
+    # the area follows from the tail's beginning: rectangle below it and the tail itself
+    area = _R * math.exp(-0.5 * _R * _R) + math.sqrt(0.5 * math.pi) * math.erfc(_R / math.sqrt(2.0))
+    edge = np.empty(_LAYERS + 1)
+    edge[_LAYERS] = area / math.exp(-0.5 * _R * _R)  # the base layer is as wide as if it had no tail
+    edge[_LAYERS - 1] = _R
+    for i in range(_LAYERS - 2, 0, -1):
+        x = edge[i + 1]
+        edge[i] = math.sqrt(-2.0 * math.log(area / x + math.exp(-0.5 * x * x)))
+    edge[0] = 0.0
+    k, w, f = np.empty(_LAYERS, np.uint64), np.empty(_LAYERS), np.empty(_LAYERS)
+    scale = float(1 << 52)
+    for layer in range(1, _LAYERS):
+        # layer 1 is the topmost, layer 255 the one above the base
+        k[layer] = np.uint64(int(edge[layer - 1] / edge[layer] * scale))
+        w[layer] = edge[layer] / scale
+        f[layer] = math.exp(-0.5 * edge[layer] ** 2)
+    k[0] = np.uint64(int(_R / edge[_LAYERS] * scale))
+    w[0], f[0] = edge[_LAYERS] / scale, 1.0
+    return k, w, f
+
+
+_K, _W, _F = _ziggurat()
+
+
+def stream_of(rng: np.random.Generator) -> Streams:
+    """Row (4,) that goes on where ``rng`` stands.
+
+    Raises
+    ------
+    TypeError
+        If ``rng`` is of another kind than `numpy.random.default_rng` makes.
+    """
+    state = rng.bit_generator.state
+    if state["bit_generator"] != "PCG64":
+        raise TypeError(f"generator of kind {state['bit_generator']}: numpy.random.default_rng makes PCG64")
+    low = (1 << 64) - 1
+    s, c = state["state"]["state"], state["state"]["inc"]
+    return np.array([s >> 64, s & low, c >> 64, c & low], dtype=np.uint64)
+
+
+@njit(cache=True)
+def _high_product(a: np.uint64, b: np.uint64) -> np.uint64:
+    """Upper 64 bits of the product of two 64-bit numbers."""
+    a0, a1, b0, b1 = a & _MASK_32, a >> _32, b & _MASK_32, b >> _32
+    low, left, right = a0 * b0, a1 * b0, a0 * b1
+    carry = (low >> _32) + (left & _MASK_32) + right
+    return a1 * b1 + (left >> _32) + (carry >> _32)
+
+
+@njit(cache=True)
+def _next(streams: Streams, row: int) -> np.uint64:
+    """64 random bits of one stream (rows, 4), which moves on."""
+    high, low = streams[row, 0], streams[row, 1]
+    product_high = _high_product(low, _A_LOW) + high * _A_LOW + low * _A_HIGH
+    product_low = low * _A_LOW
+    new_low = product_low + streams[row, 3]
+    carry = _1 if new_low < product_low else np.uint64(0)
+    new_high = product_high + streams[row, 2] + carry
+    streams[row, 0], streams[row, 1] = new_high, new_low
+    mixed, turn = new_high ^ new_low, new_high >> _58
+    return (mixed >> turn) | (mixed << ((_64 - turn) & _63))
+
+
+@njit(cache=True)
+def uniform(streams: Streams, row: int) -> float:
+    """Draw from [0, 1)."""
+    return float(_next(streams, row) >> _11) * _TO_UNIT
+
+
+@njit(cache=True)
+def _tail(streams: Streams, row: int) -> float:
+    """Distance beyond the beginning of the tail."""
+    while True:
+        x = -math.log1p(-uniform(streams, row)) / _R
+        y = -math.log1p(-uniform(streams, row))
+        if 2.0 * y > x * x:
+            return x
+
+
+@njit(cache=True)
+def normal(streams: Streams, row: int) -> float:
+    """Draw from the standard normal distribution."""
+    while True:
+        bits = _next(streams, row)
+        layer = int(bits & _255)
+        bits >>= _8
+        negative = bits & _1
+        size = (bits >> _1) & _MASK_52
+        x = float(size) * _W[layer]
+        if negative:
+            x = -x
+        if size < _K[layer]:
+            return x
+        if layer == 0:
+            beyond = _R + _tail(streams, row)
+            return -beyond if (size >> _8) & _1 else beyond
+        edge = (_F[layer - 1] - _F[layer]) * uniform(streams, row) + _F[layer]
+        if edge < math.exp(-0.5 * x * x):
+            return x
