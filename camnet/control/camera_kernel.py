@@ -10,7 +10,7 @@ from numba import njit
 from camnet.geometry.rotations_compiled import multiply, rotate, rotate_inverse
 from camnet.types import Array
 
-__all__ = ["body_motion", "camera_motion", "first_unsound"]
+__all__ = ["body_motion", "camera_motion", "first_unsound", "may_touch"]
 
 
 @njit(cache=True)
@@ -81,3 +81,32 @@ def body_motion(bodies: Array) -> Array:
         out[n, 7:10] = body[7:10]
         out[n, 10:13] = rotate_inverse(out[n, 3:7], body[10:13])
     return out
+
+
+@njit(cache=True)
+def _gap(p: Array, q: Array) -> float:
+    """Distance between two points (3,)."""
+    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@njit(cache=True)
+def may_touch(bodies: Array, radius: float, balls: Array, reach: float, dt: float) -> bool:
+    """Whether any body (N,13) may touch the ground, another body or a ball within ``dt`` s; False is certain.
+
+    Bodies lie in balls of ``radius`` m about their positions. ``balls`` (M,5) are centre, radius and top speed of what
+    else moves; ``reach`` is how far an acceleration can carry a body in the time, beyond its present velocity, m.
+    """
+    n = bodies.shape[0]
+    for i in range(n):
+        own = radius + reach + dt * _gap(bodies[i, 7:10], np.zeros(3))
+        if not bodies[i, 2] > own:
+            return True
+        for j in range(i):
+            other = radius + reach + dt * _gap(bodies[j, 7:10], np.zeros(3))
+            if not _gap(bodies[i, :3], bodies[j, :3]) > own + other:
+                return True
+        for m in range(balls.shape[0]):
+            if not _gap(bodies[i, :3], balls[m, :3]) > own + balls[m, 3] + dt * balls[m, 4]:
+                return True
+    return False

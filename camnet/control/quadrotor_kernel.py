@@ -20,7 +20,7 @@ from numba import njit
 from camnet.control.quadrotor import AXIS_RATE_LAG_S, AXIS_RATE_MAX_RADPS, QuadrotorModel, overdrive
 from camnet.types import Array
 
-__all__ = ["MEMORY", "pack_model", "step_packed", "turn_gimbals"]
+__all__ = ["MEMORY", "hold_command", "pack_model", "step_packed", "turn_gimbals"]
 
 #: columns of ``memory``
 MEMORY = {
@@ -185,6 +185,20 @@ def _turn_gimbal(memory: Array, command: Array, w: Array, c: Array) -> None:
     if abs(memory[5]) > pan_max:
         memory[5] = min(max(memory[5], -pan_max), pan_max)
         memory[8] = 0.0
+
+
+@njit(cache=True)
+def hold_command(held: Array, v_world: Array, w_cam: Array, a_world: Array, wind: Array) -> bool:
+    """Write what is held for a control period into ``command``, all (N,3); False, and nothing done, if not finite."""
+    for n in range(held.shape[0]):
+        for i in range(3):
+            if not math.isfinite(v_world[n, i] + w_cam[n, i] + a_world[n, i]):
+                return False
+    for n in range(held.shape[0]):
+        for i in range(3):
+            held[n, i], held[n, 3 + i], held[n, 6 + i] = v_world[n, i], a_world[n, i], w_cam[n, i]
+            held[n, 10 + i] = wind[n, i]
+    return True
 
 
 @njit(cache=True)

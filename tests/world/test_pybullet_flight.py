@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from world_parts import describe
 
+from camnet.control.camera_kernel import may_touch
 from camnet.control.gimbal import camera_from_body
 from camnet.errors import WorldError
 from camnet.geometry.rotations import conjugate, kinematic_matrix, log, multiply, rotate, to_matrix
@@ -115,6 +116,47 @@ def test_slow_inner_loop_flies_like_the_fast_one(open_world, flight_hz):
         rate = 60 * log(multiply(conjugate(before.camera_q_world), now.camera_q_world))
         assert k < 30 or np.abs(rate - turn).max() < 0.08
     assert max(slips[60:]) < 0.05
+
+
+def test_watching_for_contacts_changes_nothing_where_there_are_none(open_world, monkeypatch):
+    """Physics step by step with contacts looked up, or all substeps in one call: the same flight."""
+    ends = []
+    for forced in (False, True):
+        world, _ = open_world(wind=WindSettings(mean_mps=(1.0, 0, 0)))
+        if forced:
+            monkeypatch.setattr(world, "_may_touch", lambda: True)
+        watched: list[int] = []
+        monkeypatch.setattr(world._engine, "contacts", lambda seen=watched: seen.append(1) or set())
+        for k in range(60):
+            v = np.array([[0.6 * np.sin(k / 9), 0.4, 0.2 * np.cos(k / 7)]] * 2)
+            now = world.step(CameraCommand(v, np.array([[0.2, -0.1, 0.3]] * 2)))
+        assert len(watched) == (240 if forced else 0)
+        ends.append(np.hstack([now.camera_p_world, now.camera_q_world, now.camera_v_world, now.camera_w_cam]))
+    np.testing.assert_allclose(*ends, rtol=1e-9, atol=1e-12)
+
+
+def test_what_may_touch_is_never_overlooked():
+    """Straight flight at the present velocities, sampled finely: a contact of balls on the way must be announced."""
+    rng, told, touched = np.random.default_rng(4), 0, 0
+    for _ in range(400):
+        bodies, balls = np.zeros((3, 13)), np.zeros((2, 5))
+        bodies[:, :3] = rng.uniform([-2, -2, 0.3], [2, 2, 4], (3, 3))
+        bodies[:, 7:10] = rng.normal(scale=8.0, size=(3, 3))
+        balls[:, :3], balls[:, 3] = rng.uniform([-2, -2, 0], [2, 2, 0.1], (2, 3)), 0.4
+        drift = rng.normal(size=(2, 3)) * [1, 1, 0]
+        balls[:, 4] = np.linalg.norm(drift, axis=1)
+        hit = False
+        for t in np.linspace(0, 1 / 60, 20):
+            p, q = bodies[:, :3] + t * bodies[:, 7:10], balls[:, :3] + t * drift
+            apart = np.linalg.norm(p[:, None] - p, axis=2)[np.triu_indices(3, 1)]
+            hit |= bool((apart <= 0.4).any() or (p[:, 2] <= 0.2).any())
+            hit |= bool((np.linalg.norm(p[:, None] - q, axis=2) <= 0.6).any())
+        said = may_touch(bodies, 0.2, balls, 0.0, 1 / 60)
+        assert said or not hit
+        told, touched = told + said, touched + hit
+    assert 10 < touched <= told < 380
+    bodies[1, 0] = np.nan
+    assert may_touch(bodies, 0.2, balls, 0.0, 1 / 60)
 
 
 def test_hovers_without_moving(open_world):

@@ -41,7 +41,7 @@ class Engine:
     """
 
     def __init__(self, physics: PhysicsSettings, substeps: int = 1) -> None:
-        self._physics, self._substeps = physics, substeps
+        self._physics, self._substeps, self._single = physics, substeps, False
         self.client: int = pb.connect(pb.DIRECT)
         if self.client < 0:
             raise WorldError("PyBullet gave no physics client; too many worlds are open: close() some")
@@ -55,13 +55,21 @@ class Engine:
         gravity = self._physics.gravity_mps2 if self._physics.actuation == "quadrotor" else 0.0
         pb.setGravity(0.0, 0.0, -gravity, physicsClientId=c)
         pb.setPhysicsEngineParameter(
-            fixedTimeStep=self._substeps / self._physics.step_hz,
-            numSolverIterations=_SOLVER_ITERATIONS,
-            numSubSteps=self._substeps,
-            deterministicOverlappingPairs=1,
-            physicsClientId=c,
+            numSolverIterations=_SOLVER_ITERATIONS, deterministicOverlappingPairs=1, physicsClientId=c
         )
+        self._set_steps(self._single)
         self.names = {}
+
+    def single_steps(self, single: bool) -> None:
+        """Let a call of the engine take one physics step only, or all substeps again."""
+        if single != self._single:
+            self._set_steps(single)
+
+    def _set_steps(self, single: bool) -> None:
+        self._single, count = single, 1 if single else self._substeps
+        pb.setPhysicsEngineParameter(
+            fixedTimeStep=count / self._physics.step_hz, numSubSteps=count, physicsClientId=self.client
+        )
 
     def add(
         self, name: str, solid: Solid, p_world: Sequence[float], q: Array, color: _Color, mass_kg: float = 0.0

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pybullet as pb
 
 from camnet.control.quadrotor import QuadrotorModel
-from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed, turn_gimbals
+from camnet.control.quadrotor_kernel import MEMORY, hold_command, pack_model, step_packed, turn_gimbals
 from camnet.types import Array
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
@@ -53,7 +55,7 @@ class Flight:
         self._engine = engine
         self._physics = physics
         self._model = model_from_settings(physics, substeps)
-        self._periods = round(control_dt_s / self._model.dt_s)
+        self._periods, self._substeps = round(control_dt_s / self._model.dt_s), substeps
         self._constants = pack_model(self._model)
         self._control_dt_s = control_dt_s
         self._numbers: list[int] = []
@@ -74,7 +76,7 @@ class Flight:
         self.memory[:, :4] = np.sqrt(lift / self._model.thrust_coefficient)
         self._command, self._wrench = np.zeros((n, 13)), np.zeros((n, 6))
         self._command[:, 9] = yaw
-        self._gust = np.zeros((n, 3))
+        self._gust, self._no_feedforward = np.zeros((n, 3)), np.zeros((n, 3))
         wind = self._physics.wind
         self._mean_wind = np.tile(np.array(wind.mean_mps), (n, 1))
         if wind.gust_std_mps > 0:
@@ -90,14 +92,6 @@ class Flight:
             flat += p + q + v + w
         self.bodies = np.array(flat).reshape(-1, 13)
 
-    def _prepare(self, command: CameraCommand) -> None:
-        """Hold the command, its feedforward and the wind for one control period."""
-        held = self._command
-        held[:, :3] = command.v_world
-        held[:, 3:6] = 0.0 if command.a_world is None else command.a_world
-        held[:, 6:9] = command.w_cam
-        held[:, 10:13] = self._wind(self._physics.wind, self._control_dt_s)
-
     def _wind(self, wind: WindSettings, dt: float) -> Array:
         """Mean wind plus a first-order Gauss-Markov gust of each agent, (N,3)."""
         if wind.gust_std_mps == 0:
@@ -107,21 +101,41 @@ class Flight:
         self._gust = decay * self._gust + np.sqrt(1.0 - decay * decay) * noise
         return self._mean_wind + self._gust
 
-    def step(self, command: CameraCommand) -> set[tuple[str, str]]:
-        """Fly for one control period; returns the pairs of names that touched."""
-        self._prepare(command)
-        c, world_frame = self._engine.client, pb.WORLD_FRAME
-        push, twist, advance = pb.applyExternalForce, pb.applyExternalTorque, pb.stepSimulation
+    def hold(self, command: CameraCommand) -> bool:
+        """Take the command of the next control period; False, and nothing done, if it is not finite."""
+        wind = self._wind(self._physics.wind, self._control_dt_s)
+        a_world = self._no_feedforward if command.a_world is None else command.a_world
+        return bool(hold_command(self._command, command.v_world, command.w_cam, a_world, wind))
+
+    def step(self, watch: bool) -> set[tuple[str, str]]:
+        """Fly for one control period; returns the pairs of names that touched.
+
+        ``watch``: something may touch. Contacts are then looked up after every physics step; else nobody is asked.
+        """
         touched: set[tuple[str, str]] = set()
+        self._engine.single_steps(watch)
         for _ in range(self._periods):
             step_packed(self.bodies, self.memory, self._command, self._constants, self._wrench)
-            wrenches, points = self._wrench.tolist(), self.bodies[:, :3].tolist()
-            for body, wrench, point in zip(self._numbers, wrenches, points, strict=True):
-                push(body, -1, wrench[:3], point, world_frame, c)
-                twist(body, -1, wrench[3:], world_frame, c)
-            advance(c)
-            touched |= self._engine.contacts()
+            if watch:
+                for k in range(self._substeps):
+                    self._push(self._points() if k else self.bodies[:, :3].tolist())
+                    touched |= self._engine.contacts()
+            else:
+                self._push(self.bodies[:, :3].tolist())
             before = self.bodies
             self._read()
             turn_gimbals(before, self.bodies, self.memory, self._command, self._constants)
         return touched
+
+    def _points(self) -> list[tuple[float, ...]]:
+        c = self._engine.client
+        return [pb.getBasePositionAndOrientation(body, c)[0] for body in self._numbers]
+
+    def _push(self, points: Sequence[Sequence[float]]) -> None:
+        """Apply forces at ``points``, the centres of mass, and torques, and let the engine go on."""
+        c, frame = self._engine.client, pb.WORLD_FRAME
+        push, twist = pb.applyExternalForce, pb.applyExternalTorque
+        for body, wrench, point in zip(self._numbers, self._wrench.tolist(), points, strict=True):
+            push(body, -1, wrench[:3], point, frame, c)
+            twist(body, -1, wrench[3:], frame, c)
+        pb.stepSimulation(c)

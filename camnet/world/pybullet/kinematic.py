@@ -63,8 +63,14 @@ class KinematicMotion:
             self._engine.place(number, body[:3], body[3:7])
             pb.resetBaseVelocity(number, (0, 0, 0), (0, 0, 0), self._engine.client)
 
-    def step(self, command: CameraCommand) -> set[tuple[str, str]]:
+    def hold(self, command: CameraCommand) -> bool:
+        """Take the command of the next control period; False if it is not finite."""
+        self._command = command
+        return bool(np.isfinite(command.v_world).all() and np.isfinite(command.w_cam).all())
+
+    def step(self, watch: bool = True) -> set[tuple[str, str]]:
         """Move for one control period; returns the pairs of names that touched."""
+        command = self._command
         dt, n = 1.0 / self._physics.step_hz, len(self._numbers)
         p, q = self.camera[:, :3], self.camera[:, 3:7]
         v, w = np.zeros((n, 3)), np.zeros((n, 3))

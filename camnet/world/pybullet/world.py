@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pybullet as pb
 from numpy.typing import NDArray
 
-from camnet.control.camera_kernel import body_motion, camera_motion, first_unsound
+from camnet.control.camera_kernel import body_motion, camera_motion, first_unsound, may_touch
 from camnet.errors import SimulationError, WorldError
 from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
 from camnet.types import Array, BoolArray, Snapshot
@@ -28,7 +29,18 @@ if TYPE_CHECKING:
 __all__ = ["PyBulletWorld"]
 
 
+#: how far an acceleration carries an agent in a control period beyond its velocity, generously, m
+_REACH_M = 0.1
+
+
+def _ball(size_m: tuple[float, float, float]) -> float:
+    """Radius of the ball about the foot of a target's box that holds it, m."""
+    return math.hypot(0.5 * size_m[0], 0.5 * size_m[1], size_m[2])
+
+
 def _stack(rows: list[Array], width: int) -> Array:
+    if len(rows) == 1:
+        return rows[0][None]
     return np.array(rows, dtype=float).reshape(len(rows), width)
 
 
@@ -58,6 +70,10 @@ class PyBulletWorld:
         )
         quad = d.physics.quadrotor
         self._agent_radius = float(np.hypot(quad.arm_m, quad.height_m / 2) + 1e-3)
+        self._command_shape = (len(d.agents), 3)
+        # balls about the targets: centre, radius, speed
+        self._balls = np.array([[0.0, 0.0, 0.0, _ball(t.size_m), t.motion.v_max_mps] for t in d.targets])
+        self._balls = self._balls.reshape(-1, 5)
         self._is_kinematic = d.physics.actuation == "kinematic"
         self._engine = Engine(d.physics, 1 if self._is_kinematic else d.flight_substeps)
         self._flight = Flight(self._engine, d.physics, self.control_dt_s, d.flight_substeps)
@@ -82,19 +98,32 @@ class PyBulletWorld:
             self._kinematic.reset(self._scene.agents, *start)
         else:
             self._flight.reset(self._scene.agents, self._start_p, self._yaw, self._body_q, air_rng)
-        self._place_targets()
+        self._placed = False
+        self._sync_targets()
         return self._observe(())
 
     def step(self, command: CameraCommand) -> Snapshot:
         """Advance by one control period; see the protocol."""
-        self._check_command(command)
+        self._check_shapes(command)
+        actuation: Flight | KinematicMotion = self._kinematic if self._is_kinematic else self._flight
+        if not actuation.hold(command):
+            self._name_what_is_not_finite(command)
         self._move_targets()
-        actuation = self._kinematic if self._is_kinematic else self._flight
-        touched = actuation.step(command)
+        watch = self._is_kinematic or bool(self.description.occluders) or self._may_touch()
+        if watch:
+            self._sync_targets()
+        touched = actuation.step(watch)
         self._step += self.description.substeps
         self._t_s = self._step / self.description.physics.step_hz
         self._check_state(actuation.bodies)
         return self._observe(tuple(sorted(touched)))
+
+    def _may_touch(self) -> bool:
+        """Whether anything may touch in the coming control period, by distances and speeds alone."""
+        balls = self._balls
+        for m, state in enumerate(self._targets):
+            balls[m, :3] = state.p_world
+        return bool(may_touch(self._flight.bodies, self._agent_radius, balls, _REACH_M, self.control_dt_s))
 
     def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
         """True poses of a target at any times; see the protocol."""
@@ -105,15 +134,21 @@ class PyBulletWorld:
         if self._engine.client < 0:
             raise WorldError("this world is closed; build a new one")
 
-    def _check_command(self, command: CameraCommand) -> None:
-        shape = (len(self.agent_names), 3)
+    def _check_shapes(self, command: CameraCommand) -> None:
+        shape, a_world = self._command_shape, command.a_world
+        if command.v_world.shape == shape == command.w_cam.shape and (
+            a_world is None or a_world.shape == shape
+        ):
+            return
         for name in ("v_world", "w_cam", "a_world"):
             value = getattr(command, name)
-            if value is None:
-                continue
-            if value.shape != shape:
+            if value is not None and value.shape != shape:
                 raise WorldError(f"command.{name} has shape {value.shape}, should be {shape}")
-            if not np.isfinite(value).all():
+
+    def _name_what_is_not_finite(self, command: CameraCommand) -> None:
+        for name in ("v_world", "w_cam", "a_world"):
+            value = getattr(command, name)
+            if value is not None and not np.isfinite(value).all():
                 body = self.agent_names[int(np.nonzero(~np.isfinite(value))[0][0])]
                 raise SimulationError(
                     f"step {self._step}: command.{name} of agent {body!r} is not finite: {value}"
@@ -136,15 +171,18 @@ class PyBulletWorld:
         for k, target in enumerate(self.description.targets):
             state = target.motion.step(self._targets[k], t, dt, self._target_rngs[k])
             self._targets[k] = state
-            if not (np.isfinite(state.p_world).all() and np.isfinite(state.q_world).all()):
+            if not math.isfinite(state.p_world.sum() + state.q_world.sum()):
                 raise SimulationError(
                     f"step {self._step}: pose of target {target.name!r} is not finite: {state.p_world}"
                 )
-        self._place_targets()
+        self._placed = False
 
-    def _place_targets(self) -> None:
-        for number, state in zip(self._scene.targets, self._targets, strict=True):
-            self._engine.place(number, state.p_world.tolist(), xyzw(state.q_world))
+    def _sync_targets(self) -> None:
+        """Put the targets' bodies where the targets are: only what touches, looks or draws needs them there."""
+        if not self._placed:
+            self._placed = True
+            for number, state in zip(self._scene.targets, self._targets, strict=True):
+                self._engine.place(number, state.p_world.tolist(), xyzw(state.q_world))
 
     def _cameras(self) -> Array:
         """Pose and velocity (N,13) of the agents' cameras."""
@@ -192,6 +230,7 @@ class PyBulletWorld:
     def rays_clear(self, origins: Array, points: Array) -> BoolArray:
         """Tell which sight lines nothing blocks; see the protocol."""
         now = self._current()
+        self._sync_targets()
         if not self._boxes_fresh:  # the engine's bounding boxes lag one step behind the poses
             pb.performCollisionDetection(physicsClientId=self._engine.client)
             self._boxes_fresh = True
@@ -203,6 +242,7 @@ class PyBulletWorld:
     def render(self, camera: int, width: int, height: int) -> NDArray[np.uint8]:
         """Picture that a camera sees; see the protocol. An agent does not see itself."""
         now, model = self._current(), self._models[camera]
+        self._sync_targets()
         near = model.near_m
         if camera < len(self.agent_names):
             near = max(near, self._agent_radius + float(np.linalg.norm(self._offset)))
@@ -217,7 +257,7 @@ class PyBulletWorld:
             self._engine.place(number, snapshot.agent_p_world[k].tolist(), xyzw(snapshot.agent_q_world[k]))
         for k, number in enumerate(self._scene.targets):
             self._engine.place(number, snapshot.target_p_world[k].tolist(), xyzw(snapshot.target_q_world[k]))
-        self._snapshot, self._boxes_fresh = snapshot, False
+        self._snapshot, self._boxes_fresh, self._placed = snapshot, False, True
 
     def close(self) -> None:
         """Free the engine; see the protocol."""
