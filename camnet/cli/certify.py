@@ -10,7 +10,7 @@ from camnet import __version__
 from camnet.cli.common import add_common, overrides, positive, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
 
-__all__ = ["add_parser", "add_target_class", "learned_model"]
+__all__ = ["add_parser", "add_target_class", "learned_model", "read_tracks"]
 
 _DESCRIPTION = """Certify a network before it is built.
 
@@ -204,7 +204,7 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     )
     certified.report["network"]["name"] = str(args.cameras.name)
     if args.tracks is not None:
-        found = check_recorded(_tracks(args), views, names, target, 0.0, args.fix_error)
+        found = check_recorded(read_tracks(args), views, names, target, 0.0, args.fix_error)
         certified.report["recorded"] = found
         certified.report["target_class"] += (
             f"; recorded fixes off by at most {found['fix_error_m']:.3g} m ({found['fix_error_source']})"
@@ -221,9 +221,11 @@ def _image(text: str) -> tuple[int, int]:
     return int(parts[0]), int(parts[1])
 
 
-def _tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
+def read_tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
+    """Read ``--tracks``: ETH/UCY text, or a CSV table."""
     from camnet.errors import ConfigError
     from camnet.importers.csv_tracks import read_csv_tracks
+    from camnet.importers.eth_tracks import read_eth_tracks
     from camnet.importers.fixes import TrackOptions
     from camnet.importers.geodesy import Origin
 
@@ -235,7 +237,8 @@ def _tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
             raise ConfigError(
                 f"--origin {args.origin!r}: latitude,longitude,altitude was expected, such as 39.05,-85.53,205"
             ) from None
-    return read_csv_tracks(args.tracks, TrackOptions(origin=origin))
+    read = read_eth_tracks if args.tracks.suffix == ".txt" else read_csv_tracks
+    return read(args.tracks, TrackOptions(origin=origin))
 
 
 def _city(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late

@@ -7,18 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.certify import add_target_class
+from camnet.cli.certify import add_target_class, read_tracks
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
 
 __all__ = ["add_parser"]
 
-_DESCRIPTION = """Design a network of cameras over roads.
+_DESCRIPTION = """Design a network of cameras over roads, or over the ways that people were recorded to go.
 
   camnet design --roads NET.xml --off-max 120            the fewest cameras: nobody is out of view for more than 120 s
   camnet design --roads NET.xml --poles POLES.csv        the same on given poles (name,x,y[,cost]): the cheapest set
   camnet design --roads NET.xml --count 60               60 cameras: the shortest time out of view
   camnet design --roads NET.xml --repair CAMERAS         single changes that certify each uncertified transition
+  camnet design --tracks FILE --off-max 20               nobody of a track set (CSV, or ETH/UCY .txt) unseen for 20 s
 
 Up to 1000 candidates are solved by integer programming, with the lower bound that proves how good the answer is;
 more by a greedy choice with the bound of the linear programme."""
@@ -32,7 +33,17 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--roads", required=True, metavar="NET", type=Path, help="SUMO network of the roads")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--roads", metavar="NET", type=Path, help="SUMO network of the roads")
+    source.add_argument(
+        "--tracks", metavar="FILE", type=Path, help="recorded tracks: .csv, .csv.gz or ETH/UCY .txt"
+    )
+    parser.add_argument("--origin", metavar="LAT,LON,ALT", help="local frame of the tracks, degrees and m")
+    parser.add_argument(
+        "--objective",
+        choices=("fewest", "margin", "cheapest"),
+        help="fewest cameras; largest margin in time (with --count, or with the fewest); cheapest (poles with costs)",
+    )
     parser.add_argument(
         "--poles", metavar="CSV", type=Path, help="candidate places (default: junctions and roadsides)"
     )
@@ -40,13 +51,23 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--repair", metavar="FILE", type=Path, help="cameras that stand: .csv or SUMO .add.xml"
     )
     parser.add_argument(
-        "--spacing", type=positive, default=50.0, metavar="M", help="of candidates along roads, m"
+        "--spacing",
+        type=positive,
+        metavar="M",
+        help="of candidates, m (default: 50 along roads, half a view on tracks)",
     )
     parser.add_argument(
         "--count", type=int, metavar="K", help="use at most K cameras, with the largest margin"
     )
     parser.add_argument(
         "--footprint", type=positive, default=30.0, metavar="M", help="side of a camera's view, m"
+    )
+    parser.add_argument(
+        "--most",
+        type=int,
+        default=10,
+        metavar="N",
+        help="--repair: look for changes of poses at N transitions",
     )
     parser.add_argument("--time-limit", type=positive, default=60.0, metavar="S", help="of the solver, s")
     add_target_class(parser)
@@ -56,40 +77,51 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
 
 def run(args: argparse.Namespace) -> int:
     """Load, place or repair, write."""
-    from camnet.certification.transitions import RoadTargetClass
-    from camnet.experiments.design_roads import design_roads, repair_roads
+    from camnet.errors import ConfigError
 
+    if args.repair is not None and args.tracks is not None:
+        raise ConfigError("--repair and --tracks: repairs are for cameras over --roads")
     folder = None if args.out is None else choose_folder(args.out, "", args.force)
-    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0)
-    dwell = {
-        "off_max_s": args.off_max or 120.0,
-        "on_min_s": args.on_min or 0.0,
-        "footprint_m": args.footprint,
-    }
-    lines: Any = None
-    if args.repair is not None:
-        content = repair_roads(args.roads, args.repair, target, **dwell)
-    else:
-        with progress_bar(1.0, "placing", "", args.quiet) as advance:
-            designed = design_roads(
-                args.roads,
-                target,
-                **dwell,
-                spacing_m=args.spacing,
-                poles=args.poles,
-                count=args.count,
-                time_limit_s=args.time_limit,
-                progress=advance,
-            )
-        content, lines = designed.report, designed
+    with progress_bar(1.0, "placing", "", args.quiet) as advance:
+        content, designed = _design(args, advance)
     content = {**content, "version": __version__}
     if folder is not None:
-        _write(folder, args, content, lines)
+        _write(folder, args, content, designed)
     if args.json:
         print_json(content)
     else:
         _print(content)
     return 0
+
+
+def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any]:  # noqa: ANN401
+    """Return the report, and the design with its map (None for repairs)."""
+    from camnet.certification.transitions import RoadTargetClass
+    from camnet.experiments.design_roads import design_roads
+    from camnet.experiments.design_tracks import design_tracks
+    from camnet.experiments.repair_roads import repair_roads
+
+    shared = {"footprint_m": args.footprint, "time_limit_s": args.time_limit, "progress": advance}
+    aim = {"poles": args.poles, "count": args.count, "objective": args.objective}
+    if args.tracks is not None:
+        tracks = read_tracks(args)
+        limits = {
+            "off_max_s": args.off_max or 20.0,
+            "extent_m": args.extent or 0.3,
+            "spacing_m": args.spacing,
+        }
+        designed = design_tracks(tracks, **limits, **shared, **aim)
+        return designed.report, designed
+    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0)
+    roads = {
+        "off_max_s": args.off_max or 120.0,
+        "on_min_s": args.on_min or 0.0,
+        "spacing_m": args.spacing or 50.0,
+    }
+    if args.repair is not None:
+        return repair_roads(args.roads, args.repair, target, **roads, **shared, most_poses=args.most), None
+    designed = design_roads(args.roads, target, **roads, **shared, **aim)
+    return designed.report, designed
 
 
 def _write(folder: Path, args: argparse.Namespace, content: dict[str, Any], designed: Any) -> None:  # noqa: ANN401
@@ -103,7 +135,11 @@ def _write(folder: Path, args: argparse.Namespace, content: dict[str, Any], desi
             verdict = "certified" if content["certified"] else "not certified"
             reason = f"{content['count']} cameras, at least {content['lower_bound']} are needed"
             page = {
-                "network": {"name": args.roads.name, "cameras": content["count"], "regions": 0},
+                "network": {
+                    "name": (args.roads or args.tracks).name,
+                    "cameras": content["count"],
+                    "regions": 0,
+                },
                 "target_class": content["target_class"],
                 "certificates": {"sound": {"verdict": verdict, "reason": reason}},
                 "transitions": [],
@@ -121,10 +157,17 @@ def _print(content: dict[str, Any]) -> None:
             print(
                 f"  {r['from']} > {r['to']} ({length}): {best['change']} {best['amount']:.3g} {best['unit']}"
             )
+            for other in (c for c in r["changes"][1:] if "pose" in c):
+                print(f"      or {other['change']} {other['amount']:.3g} {other['unit']}")
+        if content["additions"]:
+            print(f"{len(content['additions'])} more cameras certify the whole network:")
+            for c in content["additions"]:
+                print(f"  {c['name']} at ({c['x']:.1f}, {c['y']:.1f})")
         return
+    what = f"{content['tracks']} tracks" if "tracks" in content else "roads"
     print(
         f"{content['count']} cameras of {content['candidates']} candidates certify {content['roads_km']:.1f} km of "
-        f"roads for {content['off_max_s']:.4g} s out of view"
+        f"{what} for {content['off_max_s']:.4g} s out of view"
     )
     print(f"  lower bound {content['lower_bound']}, gap {content['gap']:.1%}, {content['seconds']:.1f} s")
     print(f"  checked by the certifier: {'certified' if content['certified'] else 'NOT certified'}")

@@ -1,4 +1,4 @@
-"""Place cameras over a city's roads, and repair a network that is not certified yet."""
+"""Place cameras over a city's roads (repairs of a network that stands: ``repair_roads``)."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from typing import Any
 import numpy as np
 
 from camnet.certification.coverage import cover_roads
-from camnet.certification.design import Placement, Repair, place_cameras, smallest_repairs
+from camnet.certification.design import Placement, place_cameras
 from camnet.certification.free_network import ground_views
-from camnet.certification.road_gaps import road_gaps
 from camnet.certification.site import certify_road_site, road_segments_with_verdict
 from camnet.certification.transitions import RoadTargetClass
-from camnet.errors import CertificateError
+from camnet.errors import CertificateError, ConfigError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_road_world import road_lines
 from camnet.experiments.certify_site import RoadSite, read_road_site, read_sensors, sensor_views
 from camnet.importers.sumo_detectors import Sensor
 from camnet.types import Array
 
-__all__ = ["candidates_of", "design_roads", "repair_roads"]
+__all__ = ["best_placement", "candidates_of", "design_roads", "weights_of"]
 
 #: candidates closer than this are one, m
 _APART_M = 5.0
@@ -59,19 +58,20 @@ def design_roads(
     spacing_m: float,
     poles: Path | None = None,
     count: int | None = None,
+    objective: str | None = None,
     height_m: float = 0.5,
     time_limit_s: float = 60.0,
     progress: Callable[[float], None] | None = None,
 ) -> Certified:
-    """Place the fewest (or, where poles have costs, the cheapest) cameras that certify every road.
+    """Place cameras that certify every road.
 
-    With ``count``, the cameras are at most that many and the time out of view is as short as that allows: the largest
-    margin for a given number.
+    ``objective``: ``fewest`` cameras; ``cheapest``, where poles have costs; ``margin``: the shortest time out of view
+    with at most ``count`` cameras, or with the fewest that certify ``off_max_s``. None: ``margin`` with a count, else
+    ``cheapest`` where poles have costs, else ``fewest``.
     """
     site = read_road_site(network)
     sensors = list(read_sensors(poles, network, 0.0)) if poles is not None else candidates_of(site, spacing_m)
-    costs = [s.cost for s in sensors]
-    weight = np.array([1.0 if c is None else c for c in costs]) if any(c is not None for c in costs) else None
+    weight = weights_of(sensors, objective)
     views = sensor_views(sensors, footprint_m)
     cover = cover_roads(site.roads, views, height_m, target.extent_m)
 
@@ -80,9 +80,7 @@ def design_roads(
             site.roads, cover, len(sensors), target, off_s, on_min_s, weight, time_limit_s=time_limit_s
         )
 
-    found = place(off_max_s)
-    if count is not None:
-        found, off_max_s = _with_count(place, found, count, off_max_s, progress)
+    found, off_max_s = best_placement(place, off_max_s, count, objective, progress)
     chosen = [sensors[k] for k in found.chosen.tolist()]
     report: dict[str, Any] = {
         **found.as_dict(),
@@ -101,6 +99,42 @@ def design_roads(
     report["certified"] = bool(found.certified and checked.report["certified"])
     report["check"] = checked.report
     return Certified(report, checked.views, checked.lines)
+
+
+def weights_of(sensors: Sequence[Sensor], objective: str | None) -> Array | None:
+    """Return what each candidate costs; None: one each.
+
+    Raises
+    ------
+    ConfigError
+        The cheapest set is asked for and no candidate has a cost.
+    """
+    costs = [s.cost for s in sensors]
+    priced = any(c is not None for c in costs)
+    if objective == "cheapest" and not priced:
+        raise ConfigError("--objective cheapest: no candidate has a cost; give --poles with a column cost")
+    if not priced or objective not in (None, "cheapest"):
+        return None
+    return np.array([1.0 if c is None else c for c in costs])
+
+
+def best_placement(
+    place: Callable[[float], Placement],
+    off_max_s: float,
+    count: int | None,
+    objective: str | None,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Placement, float]:
+    """Return the placement for an objective, and the time out of view that it certifies, s."""
+    if count is not None and objective not in (None, "margin"):
+        raise ConfigError(
+            f"--count {count} with --objective {objective}: a count goes with the objective margin"
+        )
+    found = place(off_max_s)
+    if count is None and objective != "margin":
+        return found, off_max_s
+    most = len(found.chosen) if count is None else count
+    return _with_count(place, found, most, off_max_s, progress)
 
 
 def _with_count(
@@ -154,55 +188,3 @@ def _check(
     lines = road_lines(road_segments_with_verdict(site.roads, gaps, table))
     words = {"transitions": len(report["transitions"]), "certified": good}  # type: ignore[arg-type]
     return Certified(words, outlines, lines)
-
-
-def repair_roads(
-    network: Path,
-    cameras: Path,
-    target: RoadTargetClass,
-    *,
-    off_max_s: float,
-    on_min_s: float,
-    footprint_m: float,
-    height_m: float = 0.5,
-) -> dict[str, Any]:
-    """Return for every uncertified way between two cameras the single changes that certify it, the cheapest first."""
-    site, sensors = read_road_site(network), read_sensors(cameras, network)
-    views = sensor_views(sensors, footprint_m)
-    gaps = road_gaps(site.roads, cover_roads(site.roads, views, height_m, target.extent_m))
-    seen = gaps.stretches
-    worst: dict[tuple[str, str], tuple[float, list[Repair]]] = {}
-    for k in range(len(gaps.longest_m)):
-        chord = float(seen.chord_m[gaps.entry_stretch[k]])
-        repairs = smallest_repairs(float(gaps.longest_m[k]), chord, target, off_max_s, on_min_s)
-        key = (
-            sensors[int(seen.exit_camera[gaps.exit_stretch[k]])].name,
-            sensors[int(seen.entry_camera[gaps.entry_stretch[k]])].name,
-        )
-        length = float(gaps.longest_m[k])
-        hopeless = not math.isfinite(length)
-        if (repairs or hopeless) and (key not in worst or length > worst[key][0]):
-            worst[key] = (length, [] if hopeless else repairs)
-    return {
-        "count": len(sensors),
-        "certified": not worst and not bool(gaps.cyclic.any()),
-        "repairs": [
-            {
-                "from": a,
-                "to": b,
-                "longest_m": length if math.isfinite(length) else None,
-                "changes": [
-                    {"change": r.change, "amount": r.amount, "unit": r.unit, "cost": r.cost} for r in rs
-                ]
-                or [
-                    {
-                        "change": "break the unseen circle of roads with a camera",
-                        "amount": 1,
-                        "unit": "cameras",
-                        "cost": 1.0,
-                    }
-                ],
-            }
-            for (a, b), (length, rs) in sorted(worst.items(), key=lambda item: item[1][0])
-        ],
-    }

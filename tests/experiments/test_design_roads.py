@@ -105,6 +105,117 @@ def test_repairs_name_each_uncertified_way(network, capsys, tmp_path):
     assert held["certified"]
 
 
+def test_a_repaired_pose_is_certified_and_additions_certify_the_whole(network, capsys, tmp_path):
+    """The change that is named is carried out with code of its own, and the certifier agrees."""
+    import numpy as np
+
+    from camnet.certification.camera_poses import PoseChange, changed_view
+    from camnet.certification.coverage import Coverage, cover_roads
+    from camnet.certification.road_gaps import road_gaps
+    from camnet.experiments.certify_site import read_road_site
+
+    cameras = tmp_path / "cameras.csv"
+    cameras.write_text("name,x,y\na,0,0\nb,300,0\nc,300,300\nd,600,0\n")
+    _, found = call(
+        capsys, "design", "--roads", network, "--repair", cameras, "--off-max", 76.0, "--json", "--quiet"
+    )
+    limit = 5.0 * 76.0  # the way from a to c is 424.3 m less twice what is seen at its ends
+    row = next(r for r in found["repairs"] if (r["from"], r["to"]) == ("a", "c"))
+    assert row["longest_m"] > limit
+    poses = [c for c in row["changes"] if "pose" in c]
+    assert {c["change"].split()[0] for c in poses} == {"move", "raise", "tilt"}
+    site = read_road_site(network)
+    places = {"a": (0, 0), "b": (300, 0), "c": (300, 300), "d": (600, 0)}
+    for change in poses:
+        p = change["pose"]
+        amounts = PoseChange(
+            p["east_m"], p["north_m"], p["up_m"], np.radians(p["tilt_degrees"]), np.radians(p["towards_degrees"])
+        )  # fmt: skip
+        parts = []
+        for k, (name, place) in enumerate(places.items()):
+            own = amounts if name == change["camera"] else PoseChange()
+            seen = cover_roads(site.roads, changed_view(np.array(place), 20.0, 30.0, own), 0.5, 1.0)
+            columns = [
+                seen.arc,
+                np.full_like(seen.arc, k),
+                seen.start_m,
+                seen.end_m,
+                seen.depth_m,
+                seen.deepest_m,
+            ]
+            parts.append(np.stack(columns))
+        table = np.concatenate(parts, axis=1)
+        table = table[:, np.lexsort((table[2], table[0]))]
+        gaps = road_gaps(
+            site.roads, Coverage(table[0].astype(int), table[1].astype(int), *np.ascontiguousarray(table[2:]))
+        )
+        stretches = gaps.stretches
+        between = (stretches.exit_camera[gaps.exit_stretch] == 0) & (
+            stretches.entry_camera[gaps.entry_stretch] == 2
+        )
+        assert gaps.longest_m[between].max() <= limit + 1e-6
+    assert 1 <= len(found["additions"]) <= 2
+    all_of_them = tmp_path / "all.csv"
+    extra = "".join(f"new {k},{c['x']},{c['y']}\n" for k, c in enumerate(found["additions"]))
+    all_of_them.write_text(cameras.read_text() + extra)
+    _, report = call(
+        capsys, "certify", "--roads", network, "--cameras", all_of_them, "--off-max", 76.0, "--json", "--quiet"
+    )  # fmt: skip
+    assert report["certificates"]["sound"]["verdict"] == "certified"
+
+
+def test_objectives(network, capsys, tmp_path):
+    poles = tmp_path / "poles.csv"
+    poles.write_text(
+        "name,x,y,cost\nb,300,0,9\nc,300,300,1\na,0,0,1\nm,150,150,1\nn,300,150,1\no,150,0,1\nd,600,0,9\n"
+    )
+
+    def ask(*words):
+        return call(
+            capsys, "design", "--roads", network, "--poles", poles, "--off-max", 200, "--json", "--quiet", *words
+        )[1]  # fmt: skip
+
+    fewest, cheapest, margin = (ask("--objective", o) for o in ("fewest", "cheapest", "margin"))
+    assert fewest["count"] <= cheapest["count"]
+    price = {"b": 9, "c": 1, "a": 1, "m": 1, "n": 1, "o": 1, "d": 9}
+    assert cheapest["cost"] == sum(price[c["name"]] for c in cheapest["cameras"])
+    assert cheapest["cost"] <= sum(price[c["name"]] for c in fewest["cameras"])
+    assert margin["count"] <= fewest["count"]
+    assert margin["off_max_s"] <= 200
+    assert main(["design", "--roads", str(network), "--objective", "cheapest", "--quiet"]) == 2
+    assert "--poles" in capsys.readouterr().err
+    assert main(["design", "--roads", str(network), "--objective", "fewest", "--count", "3", "--quiet"]) == 2
+
+
+def test_tracks_as_input(capsys, tmp_path):
+    """Two people cross; the first one stands for 30 s halfway, which only a camera there can cover."""
+    file = tmp_path / "people.csv"
+    rows = ["id,t,x,y"]
+    rows += [f"a,{t},{t},0" for t in range(0, 41, 10)]
+    rows += [f"a,{40 + t},40,0" for t in range(10, 31, 10)]
+    rows += [f"a,{70 + t},{40 + t},0" for t in range(10, 41, 10)]
+    rows += [f"b,{t},40,{t - 40}" for t in range(0, 81, 10)]
+    file.write_text("\n".join(rows) + "\n")
+    out = tmp_path / "design"
+    words = ("design", "--tracks", file, "--off-max", 45, "--footprint", 10, "--json", "--quiet")
+    code, found = call(capsys, *words, "--out", out)
+    assert code == 0
+    assert found["certified"]
+    assert found["tracks"] == 2
+    # where they cross one view breaks both: 80 s and 110 s fall into pieces of some 35 s
+    assert found["count"] == found["lower_bound"] == 1
+    assert abs(found["cameras"][0]["x"] - 40) <= 5
+    assert found["longest_unseen_s"] <= 45
+    assert (out / "map.png").stat().st_size > 5000
+    shorter = call(capsys, *words[:4], 20, *words[5:])[1]
+    assert shorter["count"] > 1
+    assert shorter["longest_unseen_s"] <= 20.2
+    margin = call(capsys, *words, "--objective", "margin")[1]
+    assert margin["count"] == 1
+    assert margin["off_max_s"] < 45
+    assert main(["design", "--tracks", str(file), "--repair", "x.csv"]) == 2
+
+
 def test_bad_input_is_refused_with_status_2(network, tmp_path, capsys):
     assert main(["design", "--roads", str(network), "--off-max", "1"]) == 2
     assert "candidates together leave an unseen way" in capsys.readouterr().err
