@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from camnet.errors import DataError
-from camnet.estimation.adate import AdaptiveTrajectoryEstimator, AdateSettings
+from camnet.estimation.adate import AdaptiveTrajectoryEstimator, AdateSettings, descent
 from camnet.estimation.adate.objective import objective
 from camnet.estimation.adate.settings import AdaptationSettings, TruncationSettings
 from camnet.estimation.pls import ConstantTurn, PowerLimitedSteering
@@ -51,13 +51,13 @@ def test_converged_trajectory_is_a_minimum_of_the_objective():
     settings = AdateSettings(iterations=30, rescue=30, tolerance=1e-9, adaptation=FIXED)
     est = AdaptiveTrajectoryEstimator(PowerLimitedSteering(), settings=settings)
     _follow(est, truth, np.random.default_rng(3), sd=0.5)
-    w = est._win
-    args = (w.tau, False, w.q.copy(), w.z, w.rbar, w.seen, est._mean, est._cov)
-    best = objective(w.n, est._par, w.s, *args)
+    w = est._track.win
+    args = (w.tau, False, w.q.copy(), w.z, w.rbar, w.seen, est._track.mean, est._track.cov)
+    best = objective(w.n, est._track.par, w.s, *args)
     scale = np.sqrt(np.diag(est.covariance))
 
     def value(x):
-        return [np.sqrt(objective(w.n, est._par, w.s + x.reshape(w.s.shape) * scale, *args))]
+        return [np.sqrt(objective(w.n, est._track.par, w.s + x.reshape(w.s.shape) * scale, *args))]
 
     rng = np.random.default_rng(0)
     for _ in range(50):
@@ -107,7 +107,7 @@ def test_wrong_scale_of_an_observers_covariance_is_learnt():
     sd = np.array([1.0, 2.0, 2.0, 4.0])
     for x in truth:
         est.update(x + rng.normal(size=(4, 3)) * sd[:, None], np.tile(4.0 * np.eye(3), (4, 1, 1)))
-    learnt = [np.trace(est._win.r[-30, j]) / 3.0 for j in range(4)]
+    learnt = [np.trace(est._track.win.r[-30, j]) / 3.0 for j in range(4)]
     assert learnt[0] < 2.0
     assert 2.5 < learnt[1] < 6.0
     assert 2.5 < learnt[2] < 6.0
@@ -211,16 +211,16 @@ def test_a_target_that_never_moves():
 def test_a_lost_trajectory_is_recovered_from_the_linear_smoother(monkeypatch, lost_for):
     truth = _circle(120)
     est = AdaptiveTrajectoryEstimator()
-    original, left = est._converge, [0]
+    original, left = descent.converge, [0]
 
-    def spoilt():
+    def spoilt(track):
         if left[0] > 0:
             left[0] -= 1
-            est._win.s[3:] = np.nan
+            track.win.s[3:] = np.nan
             return False
-        return original()
+        return original(track)
 
-    monkeypatch.setattr(est, "_converge", spoilt)
+    monkeypatch.setattr(descent, "converge", spoilt)
     rng = np.random.default_rng(0)
     for k, x in enumerate(truth):
         left[0] = lost_for if k == 60 else left[0]
