@@ -35,7 +35,7 @@ PUBLISHED = {
     "ekf": {"position_rmse_m": 1.67, "orientation_rmse_deg": 57.5},
 }
 NOTES = {
-    "sensing": "pose",
+    "sensing": "pose; rows *_image: images of a fiducial marker, found by OpenCV's ArUco, pose by PnP",
     "scored_from_s": SCORED_FROM_S,
     "learned_published": (
         "settings as published: one window of 0.1 s a second, stacked form, continuous quaternions. Differs from the "
@@ -113,7 +113,7 @@ def print_table(result: dict[str, Any]) -> None:
         published = result["published"].get(name.replace("learned_published", "learned"), {})
         beside = (
             ""
-            if name == "learned" or not published
+            if name not in ("learned_published", "ideal", "ekf") or not published
             else "{position_rmse_m:g} m, {orientation_rmse_deg:g} deg".format(**published)
         )
         _say(

@@ -7,6 +7,7 @@
 | `learned_published_fixed_sign` | the same, quaternions kept at q0 >= 0 |
 | `ideal` | true velocities in place of the learned ones |
 | `ekf`, `ukf` | constant velocity |
+| `learned_image`, `ideal_image`, `ekf_image` | `learned`, `ideal` and `ekf`, fed by images of a marker |
 """
 
 from __future__ import annotations
@@ -27,11 +28,33 @@ from camnet.estimation.ukf import ConstantVelocityUKF
 from camnet.experiments.motion_learning_published import PublishedEstimator, published_basis
 from camnet.experiments.motion_learning_scene import Recording, SceneSettings
 from camnet.geometry.rotations import angle_between
-from camnet.types import Array, BoolArray, Twist
+from camnet.types import Array, BoolArray, PoseMeasurement, Twist
 
-__all__ = ["LEARNED_SETTINGS", "ROWS", "Trace", "build_rows", "follow", "learned_basis", "score"]
+__all__ = [
+    "IMAGE_ROWS",
+    "LEARNED_SETTINGS",
+    "ROWS",
+    "Trace",
+    "build_rows",
+    "follow",
+    "given_to",
+    "learned_basis",
+    "score",
+]
 
-ROWS = ("learned", "learned_published", "learned_published_fixed_sign", "ideal", "ekf", "ukf")
+ROWS = (
+    "learned",
+    "learned_image",
+    "learned_published",
+    "learned_published_fixed_sign",
+    "ideal",
+    "ideal_image",
+    "ekf",
+    "ekf_image",
+    "ukf",
+)
+#: rows whose measurements are read from images
+IMAGE_ROWS = tuple(name for name in ROWS if name.endswith("_image"))
 #: half a side of the square in which the field lives, and beyond which no prediction goes
 HALF_SIDE_M = 1.2
 TRACKING_MARGIN_M = 0.6
@@ -68,17 +91,20 @@ def build_rows(
         position_noise_m=max(scene.position_noise_m, 1e-3),
         orientation_noise_rad=max(scene.orientation_noise_rad, 1e-3),
     )
-    rows: dict[str, TargetFilter] = {
-        "learned": LearningEstimator(learned, learned_basis(learned.basis), 1, rate, bounds),
+    truth, basis = _truth(recording, rate), learned_basis(learned.basis)
+    return {
+        "learned": LearningEstimator(learned, basis, 1, rate, bounds),
+        "learned_image": LearningEstimator(learned, basis, 1, rate, bounds, "learned_image"),
         "learned_published": PublishedEstimator(published_basis(), rate, bounds),
         "learned_published_fixed_sign": PublishedEstimator(
             published_basis(), rate, bounds, fixed_sign=True, name="learned_published_fixed_sign"
         ),
-        "ideal": IdealPredictor(_truth(recording, rate), learned, rate),
+        "ideal": IdealPredictor(truth, learned, rate),
+        "ideal_image": IdealPredictor(truth, learned, rate, "ideal_image"),
         "ekf": ConstantVelocityEKF(noise, rate),
+        "ekf_image": ConstantVelocityEKF(noise, rate, "ekf_image"),
         "ukf": ConstantVelocityUKF(noise, rate),
     }
-    return rows
 
 
 def _truth(recording: Recording, rate_hz: float) -> Callable[[float], Twist]:
@@ -95,9 +121,10 @@ def follow(
     """Run every estimator over the recording."""
     count = len(recording.t_s)
     traces = {name: Trace(np.full((count, 3), np.nan), np.full((count, 4), np.nan)) for name in rows}
-    for k, measurement in enumerate(recording.measurements):
+    for k in range(count):
         t = float(recording.t_s[k])
         for name, row in rows.items():
+            measurement = given_to(recording, name)[k]
             if measurement is None:
                 row.predict(t)
             else:
@@ -107,6 +134,11 @@ def follow(
         if progress is not None and k % 600 == 0:
             progress(k / count)
     return traces
+
+
+def given_to(recording: Recording, name: str) -> tuple[PoseMeasurement | None, ...]:
+    """Return the measurements that row ``name`` gets."""
+    return recording.images if name in IMAGE_ROWS else recording.measurements
 
 
 def score(recording: Recording, trace: Trace, from_s: float = SCORED_FROM_S) -> dict[str, float]:

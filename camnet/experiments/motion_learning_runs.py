@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -18,8 +19,10 @@ from typing import Any
 import numpy as np
 
 import camnet
+from camnet.estimation.observation import measured_world_pose
 from camnet.experiments.motion_learning_rows import Trace, build_rows, follow, score
 from camnet.experiments.motion_learning_scene import Recording, SceneSettings, record
+from camnet.geometry import rotations
 
 __all__ = ["digest", "run_seed", "run_seeds", "trace_file"]
 
@@ -51,6 +54,8 @@ def run_seed(seed: int, scene: SceneSettings, folder: Path | None, keep_trace: b
     result = {
         "seed": seed,
         "visible_share": float(np.mean([m is not None for m in recording.measurements])),
+        "marker_found_share": _found_share(recording),
+        "image_noise": image_noise(recording),
         "rows": {name: score(recording, trace) for name, trace in traces.items()},
         "diagnostics": {
             name: {k: v for k, v in row.diagnostics().items() if np.isfinite(v)} for name, row in rows.items()
@@ -63,6 +68,33 @@ def run_seed(seed: int, scene: SceneSettings, folder: Path | None, keep_trace: b
         temporary.write_text(json.dumps(result, allow_nan=False), encoding="utf-8")
         temporary.replace(_result_file(folder, seed))
     return result
+
+
+def _found_share(recording: Recording) -> float:
+    """Share of the frames looked at in which the marker was found."""
+    return float(np.mean([recording.images[k] is not None for k in np.flatnonzero(recording.on)]))
+
+
+def image_noise(recording: Recording) -> dict[str, float]:
+    """Scatter of the poses read from images about the truth, calibration errors (constant in the camera) taken out."""
+    away, turned = [], []
+    for k, image in enumerate(recording.images):
+        if image is not None:
+            p, q = measured_world_pose(image)
+            away.append(p - recording.p_world[k])
+            turned.append(rotations.log(rotations.multiply(rotations.conjugate(recording.q_world[k]), q)))
+    if not away:
+        return {}
+    steps = [np.diff(np.array(x), axis=0) for x in (away, turned)]
+    # from frame to frame a constant error drops out, and white noise counts twice
+    p_std, q_std = (float(np.sqrt(0.5 * np.mean(x**2))) for x in steps)
+    p_far, q_far = (float(np.percentile(np.linalg.norm(x, axis=1), 99.9)) for x in steps)
+    return {
+        "position_std_m": p_std,
+        "orientation_std_deg": math.degrees(q_std),
+        "position_step_p999_m": p_far,
+        "orientation_step_p999_deg": math.degrees(q_far),
+    }
 
 
 def _result_file(folder: Path, seed: int) -> Path:

@@ -11,7 +11,11 @@ decides what the estimators are given. Every estimator gets the same measurement
 | visible | 60 s, then on U(15, 30) s, off U(10, 20) s | published |
 | marker noise | 5 mm, 10 mrad a frame | ours: half a pixel on a 0.24 m marker gives 1-5 mm across the axis |
 | calibration | 5 mrad (camera), 10 mrad (marker on the robot) an axis, constant in a run | ours |
+| marker in the image | 0.24 m, about 86 pixels; 4 ms of exposure, noise and blur of `ImageSettings` | ours |
 | wheel slip | 2 % of the speed and 0.02 rad/s, correlated over 1 s | ours; the paper reports slip without a figure |
+
+The same frames are also given as images: the marker is drawn into the camera's image, found, and its pose solved. The
+marker's pose carries the same calibration errors, so the two ways of sensing differ in the noise of a frame alone.
 
 The constant calibration errors stand for the difference between the camera's pose as calibrated and as motion capture
 has it, and of the marker's and the robot's axes: no estimator can see them, and white noise alone would put
@@ -31,8 +35,9 @@ from camnet.motion.factory import build_motion
 from camnet.motion.protocol import TargetMotion, TargetState, planar_state
 from camnet.motion.settings import TargetSettings, VectorFieldTarget
 from camnet.sensing.pose_sensor import PoseSensor
-from camnet.sensing.settings import SensingSettings
+from camnet.sensing.settings import ImageSettings, SensingSettings
 from camnet.sensing.visibility import VisibilityTest
+from camnet.sensing.vision_sensor import build_sensor
 from camnet.settings import NonNegative, Positive, Settings
 from camnet.types import Array, BoolArray, CameraMotion, PoseMeasurement, Snapshot, Twist
 from camnet.world.description import CameraSpec, TargetSpec, WorldDescription
@@ -58,6 +63,7 @@ class SceneSettings(Settings):
     orientation_noise_rad: NonNegative = 0.01
     camera_calibration_rad: NonNegative = 0.005
     marker_calibration_rad: NonNegative = 0.01
+    image: ImageSettings = ImageSettings(exposure_s=0.004)
     slip_share: NonNegative = 0.02
     slip_turn_radps: NonNegative = 0.02
     slip_time_s: Positive = 1.0
@@ -73,6 +79,7 @@ class Recording:
     p_world, q_world, v_world, w_body : (K, 3), (K, 4), (K, 3), (K, 3) true pose and velocity of the robot
     on : (K,) whether the schedule gives the frame to the estimators
     measurements : K measurements, None where off or not visible
+    images : the same read from images, None also where the marker was not found
     """
 
     t_s: Array
@@ -82,6 +89,7 @@ class Recording:
     w_body: Array
     on: BoolArray
     measurements: tuple[PoseMeasurement | None, ...]
+    images: tuple[PoseMeasurement | None, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -148,18 +156,13 @@ def draw_schedule(scene: SceneSettings, t_s: Array, rng: np.random.Generator) ->
 
 def record(scene: SceneSettings, seed: int) -> Recording:
     """Run the world once; the same seed gives the same recording, bit for bit."""
-    motion_rng, noise_rng, schedule_rng, calibration_rng = np.random.default_rng(seed).spawn(4)
+    motion_rng, noise_rng, schedule_rng, calibration_rng, image_rng = np.random.default_rng(seed).spawn(5)
     description = _describe(scene)
     spec = description.cameras[0]
     world = PyBulletWorld(description)
     # one robot and nothing else: no sight line is ever blocked
     sight = VisibilityTest([spec.camera], [description.targets[0].features_m], [None])
-    sensing = SensingSettings(
-        rate_hz=scene.rate_hz,
-        position_noise_m=scene.position_noise_m,
-        orientation_noise_rad=scene.orientation_noise_rad,
-    )
-    sensor = PoseSensor(sensing, 1, 1)
+    sensor, imager = _sensors(scene, spec.camera, description.targets[0].features_m)
     frames = round(scene.duration_s * scene.rate_hz)
     t_s = np.arange(frames + 1) / scene.rate_hz
     on = draw_schedule(scene, t_s, schedule_rng)
@@ -168,18 +171,35 @@ def record(scene: SceneSettings, seed: int) -> Recording:
     marker_turn = rotations.exp(scene.marker_calibration_rad * errors[1])
     truth = np.empty((frames + 1, 13))
     measured: list[PoseMeasurement | None] = []
+    images: list[PoseMeasurement | None] = []
     try:
         snapshot = world.reset(motion_rng)
         for k in range(frames + 1):
             if k > 0:
                 snapshot = world.step(CameraCommand.zeros(0))
             truth[k] = _truth(snapshot)
-            found = sensor.measure(snapshot, sight(snapshot), noise_rng)
+            visible = sight(snapshot)
+            found = sensor.measure(snapshot, visible, noise_rng)
             measured.append(_miscalibrated(found[0], camera_turn, marker_turn) if found and on[k] else None)
+            # nobody looks at the images that are disregarded
+            read = imager.measure(snapshot, visible & on[k], image_rng)
+            images.append(_miscalibrated(read[0], camera_turn, marker_turn) if read else None)
     finally:
         world.close()
     p, q, v, w = np.split(truth, [3, 7, 10], axis=1)
-    return Recording(t_s, p, q, v, w, on, tuple(measured))
+    return Recording(t_s, p, q, v, w, on, tuple(measured), tuple(images))
+
+
+def _sensors(scene: SceneSettings, camera: CameraModel, features: Array) -> tuple[PoseSensor, PoseSensor]:
+    """Sensors of poses and of images."""
+    sensing = SensingSettings(
+        rate_hz=scene.rate_hz,
+        position_noise_m=scene.position_noise_m,
+        orientation_noise_rad=scene.orientation_noise_rad,
+        image=scene.image,
+    )
+    images = sensing.model_copy(update={"level": "image"})
+    return PoseSensor(sensing, 1, 1), build_sensor(images, [camera], [features])
 
 
 def _truth(snapshot: Snapshot) -> Array:

@@ -15,24 +15,36 @@ from camnet.report.run_data import spans
 from camnet.report.style import UNSEEN, figure_style, save
 from camnet.types import Array, BoolArray
 
-__all__ = ["write_motion_learning", "write_pedestrians"]
+__all__ = [
+    "write_gap_remedies",
+    "write_motion_learning",
+    "write_pedestrians",
+    "write_road_map",
+    "write_states",
+]
 
 _COLOURS = {
     "learned": "#c1121f",
+    "learned_image": "#f28482",
     "learned_published": "#9a7d0a",
     "learned_published_fixed_sign": "#d9b310",
     "ideal": "#2a9d5c",
+    "ideal_image": "#95d5b2",
     "ekf": "#3a5ba0",
+    "ekf_image": "#8d99ae",
     "ukf": "#7fa6d6",
     "constant_velocity": "#555555",
     "learned_own_velocity": "#e07a5f",
 }
 _LABELS = {
     "learned": "learned, our settings",
+    "learned_image": "learned, from images",
     "learned_published": "learned, published settings",
     "learned_published_fixed_sign": "learned, published settings, fixed sign",
     "ideal": "ideal predictor",
+    "ideal_image": "ideal predictor, from images",
     "ekf": "EKF, constant velocity",
+    "ekf_image": "EKF, from images",
     "ukf": "UKF, constant velocity",
     "constant_velocity": "constant velocity",
     "learned_own_velocity": "learned + own velocity",
@@ -161,4 +173,78 @@ def write_pedestrians(scenes: Mapping[str, Mapping[str, Any]], path: Path) -> No
             axis.set_ylabel(words)
             axis.set_xticks(range(len(scenes)), list(scenes))
         axes[0].legend(ncols=len(rows), fontsize=8)
+        save(figure, path)
+
+
+def write_gap_remedies(worlds: Mapping[str, Mapping[str, Any]], rows: Sequence[str], path: Path) -> None:
+    """Bars of the median error at re-sighting, by world and row, first and later crossings apart.
+
+    Parameters
+    ----------
+    worlds : by world ``rows`` -> row -> ``first`` and ``later`` -> ``place_median_m``
+    rows : in the order shown
+    path : image file to write
+    """
+    with figure_style():
+        figure = Figure(figsize=(4.2 * len(worlds), 3.6), layout="constrained")
+        axes = figure.subplots(1, len(worlds), squeeze=False)[0]
+        for axis, (world, table) in zip(axes, worlds.items(), strict=True):
+            for shift, part, colour in ((-0.2, "first", "#c9b79c"), (0.2, "later", "#c1121f")):
+                values = [table["rows"][name][part]["place_median_m"] or np.nan for name in rows]
+                axis.barh(np.arange(len(rows)) + shift, values, 0.38, color=colour, label=f"{part} crossings")
+            axis.set_yticks(range(len(rows)), [name.replace("_", " + ") for name in rows])
+            axis.invert_yaxis()
+            axis.set(xscale="log", title=world, xlabel="median error at re-sighting (m)")
+        axes[0].legend(fontsize=7, loc="lower right")
+        save(figure, path)
+
+
+def write_states(poses: Mapping[str, Array], states: Path, errors: Path, scored_from_s: float) -> None:
+    """Write states and errors over time of one target; ``poses`` as for `write_motion_learning`."""
+    rows = [k.removesuffix(".p_world") for k in poses if k.endswith(".p_world") and not k.startswith("truth")]
+    with figure_style():
+        _states(poses, rows, states)
+        _errors(poses, rows, errors, scored_from_s)
+
+
+def write_road_map(
+    roads: Sequence[Array],
+    truth: Array,
+    estimate: Array,
+    seen: BoolArray,
+    turned_unseen: BoolArray,
+    camera_p: Array,
+    path: Path,
+) -> None:
+    """Draw a road network with M robots' true paths, predictions while unseen, and the camera's path.
+
+    Parameters
+    ----------
+    roads : centre lines (n, 2), m
+    truth, estimate : (K, M, 3) true and estimated positions, m
+    seen : (K, M) whether measured
+    turned_unseen : (K, M) whether a turn that nobody saw lies behind
+    camera_p : (K, 3) camera positions, m
+    path : image file to write
+    """
+    count = truth.shape[1]
+    with figure_style():
+        figure = Figure(figsize=(6.2 * count, 4.6), layout="constrained")
+        axes = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
+        for m, axis in enumerate(axes):
+            for road in roads:
+                axis.plot(*road.T, color="#e2ddcf", linewidth=9, solid_capstyle="round", zorder=0)
+            axis.plot(*camera_p[:, :2].T, color="#999999", linewidth=0.5, zorder=1, label="camera")
+            axis.plot(*truth[:, m, :2].T, color="black", linewidth=0.7, zorder=2, label="true path")
+            for mask, colour, words in (
+                (~seen[:, m] & ~turned_unseen[:, m], _COLOURS["learned"], "predicted, same road"),
+                (~seen[:, m] & turned_unseen[:, m], "#e0a526", "predicted after a turn that nobody saw"),
+            ):
+                p = np.where(mask[:, None], estimate[:, m, :2], np.nan)
+                axis.plot(*p.T, color=colour, linewidth=1.1, zorder=3, label=words)
+            axis.set(title=f"robot {m + 1}", aspect="equal", xlabel="x (m)", ylabel="y (m)")
+            corner = np.vstack(roads)
+            low, high = corner.min(axis=0) - 1.5, corner.max(axis=0) + 1.5
+            axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axes[0].legend(fontsize=7, loc="upper left")
         save(figure, path)
