@@ -28,6 +28,7 @@ class Experiment:
     seeds: int = 1
     needs_data: bool = False
     function: str = "run"
+    takes_data: bool = False
 
 
 EXPERIMENTS = {
@@ -36,10 +37,27 @@ EXPERIMENTS = {
         "a layout that the learned certificate holds for, over 100 runs",
         100,
     ),
+    "certified-mobile": Experiment(
+        "camnet.experiments.certified_layout",
+        "a network of quadrotors that the learned certificate holds for, over 30 runs",
+        30,
+        function="run_mobile",
+    ),
     "motion-learning": Experiment(
         "camnet.experiments.motion_learning",
         "a robot seen now and then by a fixed camera (parikh2018, VII-A)",
         10,
+    ),
+    "road-network": Experiment(
+        "camnet.experiments.road_network",
+        "one quadrotor, two robots that turn at random, one shared memory (parikh2018, VII-B)",
+        5,
+    ),
+    "gap-remedies": Experiment(
+        "camnet.experiments.gap_remedies",
+        "remedies of the gap problem alone and combined, on four worlds (--data for the recorded one)",
+        3,
+        takes_data=True,
     ),
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
@@ -89,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     if seeds < 1:
         raise ConfigError(f"--seeds {seeds}: give a whole number of at least 1")
     options: dict[str, Any] = {"seeds": seeds, "seed": args.seed or 0}
-    if experiment.needs_data:
+    if experiment.needs_data or (experiment.takes_data and args.data is not None):
         if args.data is None or not args.data.is_dir():
             raise ConfigError(
                 f"--data {args.data}: {args.experiment} needs the folder of its recorded inputs"

@@ -30,7 +30,15 @@ from camnet.estimation.windows import increment_of
 from camnet.geometry.rotations_compiled import align_sign, conjugate, exp, log, multiply, rotate
 from camnet.types import Array
 
-__all__ = ["EndState", "PoseHistory", "bridge_path", "bridge_velocity_variance", "fit_motion", "gap_windows"]
+__all__ = [
+    "EndState",
+    "PoseHistory",
+    "bridge_path",
+    "bridge_velocity_variance",
+    "fit_motion",
+    "gap_windows",
+    "hermite",
+]
 
 #: sub-intervals of a window over which sigma is integrated along the path
 SUBSTEPS = 6
@@ -184,7 +192,7 @@ def _inverse_right_jacobian(theta: Array, w: Array) -> Array:
     return np.asarray(w + 0.5 * cross + factor * np.cross(theta, cross))
 
 
-def _hermite(s: Array, x0: Array, d0: Array, x1: Array, d1: Array) -> Array:
+def hermite(s: Array, x0: Array, d0: Array, x1: Array, d1: Array) -> Array:
     """Cubic (n, 3) through x0, x1 with derivatives d0, d1 with respect to s in [0, 1]."""
     u = s[:, None]
     return np.asarray(
@@ -198,10 +206,10 @@ def _hermite(s: Array, x0: Array, d0: Array, x1: Array, d1: Array) -> Array:
 def bridge_path(exit_: EndState, entry: EndState, s: Array) -> tuple[Array, Array]:
     """Positions (n, 3) and orientations (n, 4) at the shares ``s`` (n,) of the gap."""
     duration = entry.t_s - exit_.t_s
-    p = _hermite(s, exit_.p, duration * exit_.v, entry.p, duration * entry.v)
+    p = hermite(s, exit_.p, duration * exit_.v, entry.p, duration * entry.v)
     theta1 = _turn(exit_, entry)
     rate1 = _inverse_right_jacobian(theta1, entry.w)
-    theta = _hermite(s, np.zeros(3), duration * exit_.w, theta1, duration * rate1)
+    theta = hermite(s, np.zeros(3), duration * exit_.w, theta1, duration * rate1)
     q = np.empty((len(s), 4))
     for i in range(len(s)):
         q[i] = multiply(exit_.q, exp(theta[i]))

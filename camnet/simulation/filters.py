@@ -24,6 +24,7 @@ from camnet.estimation.learning_estimator import LearningEstimator, shared_memor
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import EstimatorSettings, GapSettings
 from camnet.estimation.ukf import ConstantVelocityUKF
+from camnet.geometry.settings import Road
 from camnet.simulation.oracle import Oracle
 from camnet.types import Array, Pose, Twist
 
@@ -58,6 +59,7 @@ def build_filters(
     rate_hz: float,
     bounds: Array,
     truths: Sequence[TargetTruth],
+    roads: Sequence[Road] = (),
 ) -> list[TargetFilter]:
     """Build the estimators ``name`` of all targets, in the targets' order; they have to be advanced in that order.
 
@@ -65,7 +67,8 @@ def build_filters(
     """
     common = shared_memories(settings, basis, n_regions, rate_hz) if name in SHARED else None
     return [
-        build_filter(name, settings, basis, n_regions, rate_hz, bounds, truth, common) for truth in truths
+        build_filter(name, settings, basis, n_regions, rate_hz, bounds, truth, common, roads)
+        for truth in truths
     ]
 
 
@@ -78,6 +81,7 @@ def build_filter(
     bounds: Array,
     truth: TargetTruth,
     memories: Sequence[RegionMemory] | None = None,
+    roads: Sequence[Road] = (),
 ) -> TargetFilter:
     """Build one estimator of one target.
 
@@ -89,6 +93,7 @@ def build_filter(
     bounds : (2, 3) corners of the tracking space, m
     truth : for the ideal predictor and the oracle alone
     memories : in common with other targets, for the filters in `SHARED`
+    roads : of the world, for ``gap.prior: road``
 
     Raises
     ------
@@ -110,4 +115,4 @@ def build_filter(
         settings = settings.model_copy(update={"gap": bare, "leakage": 0.0})
     elif name not in ("learned", "learned_shared"):
         raise ConfigError(f"estimator {name!r}: expected one of {', '.join(FILTERS)}")
-    return LearningEstimator(settings, basis, n_regions, rate_hz, bounds, name, memories)
+    return LearningEstimator(settings, basis, n_regions, rate_hz, bounds, name, memories, roads)

@@ -11,7 +11,7 @@ import numpy as np
 
 from camnet.estimation.protocol import TargetFilter
 from camnet.geometry.regions import Region
-from camnet.simulation.entries import predict_entries
+from camnet.simulation.entries import Entry, predict_entries
 from camnet.types import Array
 
 __all__ = ["Gap", "GapRecorder", "summarise_gaps"]
@@ -28,6 +28,7 @@ class Gap:
     lost_s, seen_s : when, s
     next_camera : for each estimator the camera it expected (-1: none)
     error_m : for each estimator the distance between prediction and truth at the re-sighting, m
+    expected_s : for each estimator when it expected the target in the next camera's region, s (NaN: never)
     """
 
     target: int
@@ -37,6 +38,7 @@ class Gap:
     to_camera: int = -1
     seen_s: float = math.nan
     error_m: dict[str, float] = field(default_factory=dict)
+    expected_s: dict[str, float] = field(default_factory=dict)
 
 
 class GapRecorder:
@@ -71,14 +73,16 @@ class GapRecorder:
         """Take an instant without a sighting; the first one after a sighting opens a gap."""
         if self._camera < 0 or self._open is not None:
             return
-        expected = {name: self._next_camera(f) for name, f in filters.items() if name != "ideal"}
+        entries = {name: self._next_entry(f) for name, f in filters.items() if name != "ideal"}
+        expected = {name: -1 if entry is None else entry.region for name, entry in entries.items()}
+        times = {name: math.nan if entry is None else entry.t_s for name, entry in entries.items()}
         expected["last_seen"] = self._camera
-        self._open = Gap(self._target, self._camera, t_s, expected)
+        self._open = Gap(self._target, self._camera, t_s, expected, expected_s=times)
 
-    def _next_camera(self, filter_: TargetFilter) -> int:
+    def _next_entry(self, filter_: TargetFilter) -> Entry | None:
         entries = predict_entries(filter_.rollout(self._lookahead_s, self._dt_s), self._regions)
         coming = [e for e in entries if e is not None]
-        return min(coming, key=lambda e: (not e.direct, e.t_s)).region if coming else -1
+        return min(coming, key=lambda e: (not e.direct, e.t_s)) if coming else None
 
 
 def _distance(filter_: TargetFilter, t_s: float, p_world: Array) -> float:

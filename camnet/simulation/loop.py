@@ -137,6 +137,7 @@ class NetworkSimulation:
             scenario.sensing.rate_hz,
             network.bounds,
             truths,
+            scenario.roads,
         )
         latency_s = scenario.sensing.latency_s
         # the oracle asks no measurement
