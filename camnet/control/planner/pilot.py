@@ -1,5 +1,9 @@
 """One agent's reference among obstacles inside its operating region: straight on where the way is free, else a plan.
 
+The way around is found in three stages: a taut polyline of a road map (`route`), a plan through its corners as timed
+waypoints (`planner`), and, should that not keep all bounds, the polyline itself with a stop at every corner. So an
+agent stays where it is only when there is no way, up to the road map's spacing.
+
 Invariant: in straight flight the segment on which full braking ends keeps ``obstacle_margin_m`` from every
 obstacle; a step that would break it is replaced by braking, which moves along that segment. A plan is taken up
 only when its whole curve keeps the margins, within the bounds of speed and acceleration, and ends at rest. So the
@@ -10,16 +14,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from camnet.control.planner.curve import Curve
 from camnet.control.planner.distance_kernel import segment_clearance, signed_distance
 from camnet.control.planner.obstacles import Obstacle, from_shape, pack
-from camnet.control.planner.planner import Planner, Waypoint
+from camnet.control.planner.plan import Waypoint
+from camnet.control.planner.planner import Planner
+from camnet.control.planner.route import RoadMap
 from camnet.control.planner.settings import PlannerSettings
 from camnet.control.settings import ControllerSettings
-from camnet.geometry.regions import Region
+from camnet.geometry.regions import BoxRegion, Region
 from camnet.geometry.settings import Shape
 from camnet.types import Array
 
@@ -28,8 +35,10 @@ __all__ = ["Pilot", "pilots", "planner_settings"]
 #: a plan is renewed when the goal has moved by this (m), at most this often (s)
 _MOVED_M, _RENEW_S = 0.2, 0.5
 #: factors of the first guess of a plan's duration
-_SLOWER = (1.0, 1.4, 2.0, 3.0)
-_GOAL_SD_M = 0.01
+_SLOWER = (1.0, 1.5)
+_GOAL_SD_M, _CORNER_SD_M = 0.01, 0.3
+#: room about the obstacles of an agent without a region, m
+_AROUND_M = 5.0
 
 
 def planner_settings(s: ControllerSettings) -> PlannerSettings:
@@ -51,7 +60,9 @@ def planner_settings(s: ControllerSettings) -> PlannerSettings:
         samples_per_step=3,
         region_margin_m=s.region_margin_m,
         tolerance_m=0.01,
-        attempts=4,
+        iterations_max=20,
+        patience=12,
+        attempts=2,
     )
 
 
@@ -77,6 +88,12 @@ def _meets(region: Region, obstacle: Obstacle, reach: float) -> bool:
     return bool(((obstacle.center + extent > low) & (obstacle.center - extent < high)).all())
 
 
+def _around(obstacles: Sequence[Obstacle]) -> Region:
+    centers = np.array([o.center for o in obstacles])
+    reach = max(float(np.linalg.norm(o.row[16:19])) for o in obstacles) + _AROUND_M
+    return BoxRegion("around", centers.min(axis=0) - reach, centers.max(axis=0) + reach)
+
+
 class Pilot:
     """Reference of one agent in ``region`` among ``obstacles``, renewed every ``dt_s``."""
 
@@ -86,6 +103,9 @@ class Pilot:
         self._settings, self._region, self._dt = settings, region, dt_s
         self._obstacles, self._rows = tuple(obstacles), pack(obstacles)
         self._planner = Planner(planner_settings(settings), region)
+        self._map = RoadMap(
+            region or _around(obstacles), self._rows, settings.region_margin_m, settings.obstacle_margin_m
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -163,21 +183,62 @@ class Pilot:
         return np.concatenate([p + dt * v + 0.5 * dt * dt * a, v + dt * a, a])
 
     def _take_up(self, before: Array, goal: Array) -> None:
-        """Plan from the present motion to ``goal``; a plan in force stays when there is none that keeps the margins."""
+        """Find a way from the present motion to ``goal``; what is in force stays when there is none."""
         if self._wait > 0.0:
             return
         self._wait = _RENEW_S
-        p, v, s = before[:3], before[3:6], self._settings
-        tau = self._planner.settings.dt_s
-        first = (
-            float(np.linalg.norm(goal - p)) / (0.55 * s.reference_v_max_mps)
-            + s.reference_v_max_mps / s.reference_a_max_mps2
-        )
-        for factor in _SLOWER:
-            duration = tau * max(math.ceil(factor * first / tau), 4)
-            waypoint = Waypoint(duration, goal, _GOAL_SD_M**2 * np.eye(3))
-            plan = self._planner.plan(p, v, [waypoint], self._obstacles, stop=True)
-            speed, acceleration = plan.curve.fastest()
-            if plan.safe and speed <= s.reference_v_max_mps and acceleration <= s.reference_a_max_mps2:
-                self._curve, self._t = plan.curve, 0.0
+        p, v = before[:3], before[3:6]
+        corners = self._map.route(p, goal)
+        if corners is None:
+            return
+        curve = self._smooth(p, v, corners)
+        if curve is None and self._curve is None:
+            if float(np.linalg.norm(v)) > 1e-9:  # come to rest first
+                self._wait = 0.0
                 return
+            curve = self._stop_and_go(corners)
+        if curve is not None:
+            self._curve, self._t = curve, 0.0
+
+    def _smooth(self, p: Array, v: Array, corners: Array) -> Curve | None:
+        """Plan along a route (k,3) that keeps margins, speed and acceleration; None if there is none."""
+        s, tau = self._settings, self._planner.settings.dt_s
+        lengths = np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))
+        pace, ends = 0.55 * s.reference_v_max_mps, s.reference_v_max_mps / s.reference_a_max_mps2
+        for slower in _SLOWER:
+            times = slower * (lengths / pace + 0.5 * ends)
+            duration = tau * max(math.ceil((times[-1] + 0.5 * slower * ends) / tau), 4)
+            plan = self._planner.plan(p, v, self._timed(corners, times, duration), self._obstacles, stop=True)
+            speed, acceleration = plan.curve.fastest()
+            arrives = float(np.linalg.norm(plan.curve.x[-1] - corners[-1])) < _MOVED_M
+            if (
+                plan.safe
+                and arrives
+                and speed <= s.reference_v_max_mps
+                and acceleration <= s.reference_a_max_mps2
+            ):
+                return plan.curve
+        return None
+
+    def _timed(self, corners: Array, times: Array, duration: float) -> list[Waypoint]:
+        """Corners of a route as loose waypoints, its end as a tight one."""
+        tau, out = self._planner.settings.dt_s, []
+        last = 0.0
+        for t, corner in zip(times[:-1], corners[1:-1], strict=True):
+            if t - last >= 2.0 * tau and duration - t >= 2.0 * tau:
+                out.append(Waypoint(float(t), corner, _CORNER_SD_M**2 * np.eye(3)))
+                last = float(t)
+        return [*out, Waypoint(duration, corners[-1], _GOAL_SD_M**2 * np.eye(3))]
+
+    def _stop_and_go(self, corners: Array) -> Curve:
+        """Fly a route (k,3) leg by leg, at rest at every corner: cubic in time, peaks 1.5 L/T and 6 L/T^2."""
+        s, tau = self._settings, self._planner.settings.dt_s
+        xs, vs = [corners[:1]], [np.zeros((1, 3))]
+        for a, b in pairwise(corners):
+            size = float(np.linalg.norm(b - a))
+            least = max(1.5 * size / s.reference_v_max_mps, math.sqrt(6.0 * size / s.reference_a_max_mps2))
+            steps = max(math.ceil(least / tau), 1)
+            u = np.arange(1, steps + 1)[:, None] / steps
+            xs.append(a + u * u * (3.0 - 2.0 * u) * (b - a))
+            vs.append(6.0 * u * (1.0 - u) * (b - a) / (steps * tau))
+        return Curve(np.concatenate(xs), np.concatenate(vs), tau)
