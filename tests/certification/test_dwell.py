@@ -149,6 +149,23 @@ def test_impossible_conditions_give_their_reason_and_no_nan():
         DwellBounds(c, v_hi=2.0, v_lo=0.0)
 
 
+def test_printed_4_35_does_not_bring_the_next_regions_level_down():
+    """The numbers of the theory page: the next region's weights are still at the other side of their ball."""
+    rate, beta1, c2, v_hi, v_lo = 4.0, 0.5125, 0.5, 2.0, 1.0
+    printed = math.log(v_hi / (v_lo - beta1)) / rate
+    v_on = v_hi + c2  # V_{j+1}: the common pose error at V_hi, and the weights' own part
+    assert v_on * math.exp(-rate * printed) + beta1 == pytest.approx(1.121875, rel=1e-12)  # above V_lo
+    b = EstimatorBounds(
+        k=2, kcl=1, gamma_inv_min=1, gamma_inv_max=1, alpha=1, window_s=0.5, stack_size=10, eps_bar=0.01,
+        etadot_max=0.5, sigma_bar=1.0, weight_bound=0.5, lambda_min_psi=4,
+    )  # fmt: skip
+    own, shared = (DwellBounds(sound(b, mobile=True), 2.0, 1.0, shared_model=x) for x in (False, True))
+    c = own.constants
+    assert own.on_min(h=False).seconds == pytest.approx(math.log((2 + c.c2) / (1 - c.beta1)) / 4, rel=1e-12)
+    assert shared.on_min(h=False).seconds == pytest.approx(math.log(2 / (1 - c.beta1)) / 4, rel=1e-12)
+    assert (2 + c.c2) * math.exp(-4 * own.on_min(h=False).seconds) + c.beta1 == pytest.approx(1.0, rel=1e-12)
+
+
 # ---- parikh2018
 
 
