@@ -280,7 +280,7 @@ def _print(content: dict[str, Any]) -> None:
 
 
 def _print_recorded(r: dict[str, Any]) -> None:
-    later = r["held_out"]
+    later, rides = r["held_out"], r["rides"]
     print(
         f"\nrecorded people: {r['people']} with {r['fixes']} fixes, {r['faster_than_v_max']} steps between them are "
         f"faster than {r['v_max_mps']:g} m/s\n"
@@ -288,7 +288,10 @@ def _print_recorded(r: dict[str, Any]) -> None:
         f"  out of their reachable set: {later['outside']} of {later['unseen']} unseen fixes"
         f"{'' if r['fix_error_source'] == 'stated' else ' recorded later'}, {r['outside']} of all {r['unseen']}\n"
         f"  nobody leaves from an error of {r['least_fix_error_m']:.4g} m on (exact fixes: v_max "
-        f"{r['least_v_max_mps']:.3g} m/s)\n  error m  fixes outside  people outside"
+        f"{r['least_v_max_mps']:.3g} m/s)\n"
+        f"  longest jump beyond v_max {r['longest_jump_m']:.0f} m; {rides['count']} stretches of three steps or more "
+        f"above {1.5 * r['v_max_mps']:g} m/s, median {rides['median_mps']:.1f}, at most {rides['fastest_mps']:.1f} m/s\n"
+        "  error m  fixes outside  people outside"
     )
     for row in r["table"]:
         print(f"  {row['fix_error_m']:7g}  {row['outside']:13d}  {row['people_outside']:14d}")

@@ -35,6 +35,8 @@ _CALIBRATION = 0.25
 #: bounds of a fix's error that the table shows, m
 _ERRORS_M = (0.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0, 200.0)
 _SLACK_M = 1e-6
+#: a stretch of this many steps, all faster than this many times v_max, is no jump of a receiver
+_RIDE_STEPS, _RIDE = 3, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,8 @@ def check_recorded(
         ``fix_error_m`` and where it comes from; ``unseen``, ``outside`` and ``people_outside`` over all unseen fixes,
         and ``held_out``: the same over those lost after the calibration (all of them where e is stated); ``table``:
         what leaves for other bounds; ``least_fix_error_m``, ``least_v_max_mps``: the smallest e, and for exact fixes
-        the smallest v_max, for which nobody leaves.
+        the smallest v_max, for which nobody leaves; ``longest_jump_m``: the most by which a step exceeds v_max dt;
+        ``rides``: stretches of steps that all are half as fast again as v_max.
     """
     ground = ground_views(views, names, height_m, target.extent_m)
     record = _collect(tracks, [g.view for g in ground], target.v_max_mps)
@@ -112,8 +115,26 @@ def check_recorded(
             {"fix_error_m": e, **_leavers(record, needs, e, np.ones(len(needs), dtype=bool))}
             for e in _ERRORS_M
         ],
+        "longest_jump_m": 2.0 * float(record.step_need_m.max(initial=0.0)),
+        "rides": _rides(tracks, _RIDE * target.v_max_mps),
         "least_fix_error_m": float(needs.max(initial=0.0)),
         "least_v_max_mps": float((record.away_m / since).max(initial=0.0)),
+    }
+
+
+def _rides(tracks: Sequence[Track], faster_mps: float) -> dict[str, float | int]:
+    """Count stretches of at least ``_RIDE_STEPS`` steps that are all faster, with the speed from end to end, m/s."""
+    speeds = []
+    for track in tracks:
+        p, t = track.p_world[:, :2], track.t_s
+        fast = np.linalg.norm(np.diff(p, axis=0), axis=1) > faster_mps * np.diff(t)
+        edges = np.flatnonzero(np.diff(np.r_[False, fast, False].astype(int))).reshape(-1, 2)
+        for a, b in edges[np.diff(edges, axis=1)[:, 0] >= _RIDE_STEPS].tolist():
+            speeds.append(float(np.linalg.norm(p[b] - p[a]) / (t[b] - t[a])))
+    return {
+        "count": len(speeds),
+        "median_mps": float(np.median(speeds)) if speeds else 0.0,
+        "fastest_mps": max(speeds, default=0.0),
     }
 
 
