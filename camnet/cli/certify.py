@@ -290,7 +290,7 @@ def _print_recorded(r: dict[str, Any]) -> None:
         f"  nobody leaves from an error of {r['least_fix_error_m']:.4g} m on (exact fixes: v_max "
         f"{r['least_v_max_mps']:.3g} m/s)\n"
         f"  longest jump beyond v_max {r['longest_jump_m']:.0f} m; {rides['count']} stretches of three steps or more "
-        f"above {1.5 * r['v_max_mps']:g} m/s, median {rides['median_mps']:.1f}, at most {rides['fastest_mps']:.1f} m/s\n"
+        f"above {1.5 * r['v_max_mps']:g} m/s, median {rides['median_mps']:.1f}, most {rides['fastest_mps']:.1f} m/s\n"
         "  error m  fixes outside  people outside"
     )
     for row in r["table"]:
