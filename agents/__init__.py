@@ -10,7 +10,7 @@ from __future__ import annotations
 if __name__ != "camnet.agents":
     raise ImportError("import this package as camnet.agents")
 
-from camnet.agents.policy import AgentContext, Policy, contexts
+from camnet.agents.policy import AgentContext, Policy, contexts, network_contexts
 from camnet.agents.policy_file import load_policy, save_policy
 from camnet.agents.roster import AGENTS, Team, build_policies, build_team, estimator_of
 from camnet.env.handoff_v0 import HandoffEnv
@@ -26,6 +26,7 @@ __all__ = [
     "load_policy",
     "make_policies",
     "make_team",
+    "network_contexts",
     "save_policy",
 ]
 

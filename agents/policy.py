@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -14,9 +15,10 @@ from camnet.env.handoff_v0 import HandoffEnv
 from camnet.env.layout import ObservationLayout
 from camnet.geometry.regions import Region
 from camnet.geometry.settings import CameraModel
+from camnet.simulation.network import Network
 from camnet.types import Array
 
-__all__ = ["AgentContext", "Policy", "contexts"]
+__all__ = ["AgentContext", "Policy", "contexts", "network_contexts"]
 
 Action = NDArray[np.float32]
 
@@ -53,9 +55,20 @@ class AgentContext:
 
     def action(self, setpoint: Setpoint) -> Action:
         """Return the action in [-1, 1]^5 that asks for a setpoint."""
+        flat = [(p - c) / r for p, c, r in zip(setpoint.p_world.tolist(), *self._box, strict=True)]
+        flat += [angle / self.gaze_max_rad for angle in setpoint.gaze.tolist()]
+        return np.array([min(max(x, -1.0), 1.0) for x in flat], dtype=np.float32)
+
+    @cached_property
+    def _box(self) -> tuple[list[float], list[float]]:
+        """Centre of the region and how far from it a setpoint may lie along each axis, m."""
         reach = np.maximum(self.half_size - self.controller.region_margin_m, 1e-6)
-        flat = np.concatenate([(setpoint.p_world - self.center) / reach, setpoint.gaze / self.gaze_max_rad])
-        return np.asarray(np.clip(flat, -1.0, 1.0), dtype=np.float32)
+        return self.center.tolist(), reach.tolist()
+
+    @cached_property
+    def width_m(self) -> float:
+        """Smaller horizontal half-size of the region, m: what error radii are divided by."""
+        return float(self.half_size[:2].min())
 
 
 class Policy(Protocol):
@@ -68,19 +81,27 @@ class Policy(Protocol):
 
 def contexts(env: HandoffEnv) -> dict[str, AgentContext]:
     """Return the fixed facts of every agent of an environment."""
-    network, observer = env.simulation.network, env.observer
+    return network_contexts(env.simulation.network, env.observer.layout, env.settings.gaze_max_rad)
+
+
+def network_contexts(
+    network: Network, layout: ObservationLayout, gaze_max_rad: float
+) -> dict[str, AgentContext]:
+    """Return the fixed facts of every agent of a network that is observed by ``layout``, whatever its back end."""
+    scenario = network.scenario
+    bounds = [region.bounds for region in network.regions]
     return {
-        name: AgentContext(
-            name=name,
+        agent.name: AgentContext(
+            name=agent.name,
             region=network.regions[j],
             camera=network.cameras[j],
-            controller=network.scenario.controller,
-            layout=observer.layout,
-            center=observer.centers[j],
-            half_size=observer.half_sizes[j],
-            speeds=np.array([target.v_max_mps for target in network.scenario.targets]),
-            lookahead_s=network.scenario.handoff.lookahead_s,
-            gaze_max_rad=env.settings.gaze_max_rad,
+            controller=scenario.controller,
+            layout=layout,
+            center=bounds[j].mean(axis=0),
+            half_size=np.ptp(bounds[j], axis=0) / 2,
+            speeds=np.array([target.v_max_mps for target in scenario.targets]),
+            lookahead_s=scenario.handoff.lookahead_s,
+            gaze_max_rad=gaze_max_rad,
         )
-        for j, name in enumerate(env.possible_agents)
+        for j, agent in enumerate(scenario.agents)
     }

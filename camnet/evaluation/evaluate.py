@@ -21,6 +21,7 @@ import numpy as np
 
 from camnet import __version__
 from camnet.evaluation.play import Match, play
+from camnet.evaluation.play_batch import play_together
 from camnet.evaluation.scores import METRICS, Score
 from camnet.evaluation.statistics import compare, interval
 from camnet.types import Array
@@ -105,12 +106,12 @@ def _scores(
 
 
 def _chunk(plan: Plan) -> int:
-    return _CHUNK if plan.back_end == "pybullet" else len(plan.seeds)
+    return _CHUNK if plan.back_end == "pybullet" else -(-len(plan.seeds) // plan.jobs)
 
 
 def _played(plan: Plan, tasks: Sequence[tuple[Match, list[int]]]) -> Any:  # noqa: ANN401 - a generator of tuples
     """Yield finished tasks, in any order; results do not depend on it, every episode has a seed of its own."""
-    if plan.jobs == 1 or len(tasks) <= 1 or plan.back_end != "pybullet":
+    if plan.jobs == 1 or len(tasks) <= 1:
         for match, seeds in tasks:
             yield match, seeds, _play(plan.back_end, match, seeds)
         return
@@ -129,7 +130,7 @@ def _short(match: Match) -> Match:
 
 
 def _play(back_end: str, match: Match, seeds: Sequence[int]) -> list[Score]:
-    return list(play(match, seeds))
+    return list(play(match, seeds)) if back_end == "pybullet" else play_together(match, seeds)
 
 
 # --- what is kept ------------------------------------------------------------------------------------------
