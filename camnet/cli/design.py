@@ -101,8 +101,12 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
     from camnet.experiments.design_tracks import design_tracks
     from camnet.experiments.repair_roads import repair_roads
 
-    shared = {"footprint_m": args.footprint, "time_limit_s": args.time_limit, "progress": advance}
-    aim = {"poles": args.poles, "count": args.count, "objective": args.objective}
+    shared: dict[str, Any] = {
+        "footprint_m": args.footprint,
+        "time_limit_s": args.time_limit,
+        "progress": advance,
+    }
+    aim: dict[str, Any] = {"poles": args.poles, "count": args.count, "objective": args.objective}
     if args.tracks is not None:
         tracks = read_tracks(args)
         limits = {
@@ -113,7 +117,7 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
         designed = design_tracks(tracks, **limits, **shared, **aim)
         return designed.report, designed
     target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0)
-    roads = {
+    roads: dict[str, Any] = {
         "off_max_s": args.off_max or 120.0,
         "on_min_s": args.on_min or 0.0,
         "spacing_m": args.spacing or 50.0,

@@ -26,7 +26,7 @@ import numpy as np
 from camnet.certification.coverage import Views
 from camnet.certification.free_network import FreeTargetClass, ground_views
 from camnet.motion.track import Track
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
 __all__ = ["check_recorded"]
 
@@ -101,7 +101,7 @@ def check_recorded(
     else:
         until, error, source = -np.inf, fix_error_m, "stated"
     needs = record.needs(target.v_max_mps)
-    since = record.time_s - record.exit_s
+    since, everybody = record.time_s - record.exit_s, np.ones(len(needs), dtype=bool)
     return {
         "people": len(tracks),
         "fixes": sum(len(track.t_s) for track in tracks),
@@ -109,12 +109,9 @@ def check_recorded(
         "v_max_mps": target.v_max_mps,
         "fix_error_m": error,
         "fix_error_source": source,
-        **_leavers(record, needs, error, np.ones(len(needs), dtype=bool)),
-        "held_out": _leavers(record, needs, error, record.exit_s > until),
-        "table": [
-            {"fix_error_m": e, **_leavers(record, needs, e, np.ones(len(needs), dtype=bool))}
-            for e in _ERRORS_M
-        ],
+        **_leavers(record, needs, error, everybody),
+        "held_out": _leavers(record, needs, error, np.asarray(record.exit_s > until)),
+        "table": [{"fix_error_m": e, **_leavers(record, needs, e, everybody)} for e in _ERRORS_M],
         "longest_jump_m": 2.0 * float(record.step_need_m.max(initial=0.0)),
         "rides": _rides(tracks, _RIDE * target.v_max_mps),
         "least_fix_error_m": float(needs.max(initial=0.0)),
@@ -138,9 +135,9 @@ def _rides(tracks: Sequence[Track], faster_mps: float) -> dict[str, float | int]
     }
 
 
-def _leavers(record: _Record, needs: Array, error_m: float, chosen: Array) -> dict[str, int]:
+def _leavers(record: _Record, needs: Array, error_m: float, chosen: BoolArray) -> dict[str, int]:
     """Count the unseen fixes, and the people, that are out of their set for a bound of the fixes' error."""
-    out = chosen & (needs > error_m + _SLACK_M)
+    out: BoolArray = chosen & np.asarray(needs > error_m + _SLACK_M)
     return {
         "unseen": int(chosen.sum()),
         "outside": int(out.sum()),
