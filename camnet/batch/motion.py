@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from camnet.batch.compiled import inner
 from camnet.batch.random import Streams, normal, uniform
 from camnet.errors import ConfigError
 from camnet.motion.curve import ClosedCurve, refine_parameter
@@ -202,13 +203,13 @@ def _track(motion: TargetMotion) -> tuple[Array, Array, Array]:
     return t, pieces, np.full(len(t), np.nan) if path.headings is None else path.headings
 
 
-@njit(cache=True)
+@inner
 def _wrapped(angle: float) -> float:
     """Angle in [-pi, pi]."""
     return angle - _TWO_PI * np.rint(angle / _TWO_PI)
 
 
-@njit(cache=True)
+@inner
 def _set_planar(
     now: Array, e: int, m: int, x: float, y: float, z: float, heading: float, v: float, w: float
 ) -> None:
@@ -219,13 +220,13 @@ def _set_planar(
     now[e, m, 10], now[e, m, 11], now[e, m, 12] = 0.0, 0.0, w
 
 
-@njit(cache=True)
+@inner
 def _nearest_sample(t: Targets, m: int, x: float, y: float) -> int:
-    """Number of the loop's sample nearest to (x, y)."""
+    """Return the number of the loop's sample nearest to (x, y)."""
     begin, n = t.sample_first[m], t.sample_first[m + 1] - t.sample_first[m]
     first, count = 0, n
-    column = int(math.floor((x - t.grid[m, 0]) / _CELL_M))
-    row = int(math.floor((y - t.grid[m, 1]) / _CELL_M))
+    column = math.floor((x - t.grid[m, 0]) / _CELL_M)
+    row = math.floor((y - t.grid[m, 1]) / _CELL_M)
     if 0 <= column < t.grid[m, 2] and 0 <= row < t.grid[m, 3]:
         cell = t.grid_first[m] + row * int(t.grid[m, 2]) + column
         first, count = t.cells[cell, 0], t.cells[cell, 1]
@@ -239,7 +240,7 @@ def _nearest_sample(t: Targets, m: int, x: float, y: float) -> int:
     return best
 
 
-@njit(cache=True)
+@inner
 def _guide(t: Targets, m: int, x: float, y: float) -> tuple[float, float, float, float]:
     """Direction, its gradient and speed that the target's field wants at a point."""
     s = t.shape
@@ -251,7 +252,7 @@ def _guide(t: Targets, m: int, x: float, y: float) -> tuple[float, float, float,
     return wave_guide((x - s[m, 3]) / s[m, 0], (y - s[m, 4]) / s[m, 0], s[m, 0], s[m, 1], s[m, 2])
 
 
-@njit(cache=True)
+@inner
 def _drive(t: Targets, m: int, x: float, y: float, theta: float) -> tuple[float, float]:
     """Forward and turning speed that the robot runs at a pose: `VectorFieldMotion._command`."""
     psi, grad_x, grad_y, v = _guide(t, m, x, y)
@@ -265,7 +266,7 @@ def _drive(t: Targets, m: int, x: float, y: float, theta: float) -> tuple[float,
     return v, w
 
 
-@njit(cache=True)
+@inner
 def _step_field(t: Targets, m: int, now: Array, inner: Array, e: int, dt: float) -> None:
     """`VectorFieldMotion.step`."""
     x, y = now[e, m, 0], now[e, m, 1]
@@ -291,7 +292,7 @@ def _step_field(t: Targets, m: int, now: Array, inner: Array, e: int, dt: float)
     inner[e, m, 0], inner[e, m, 1], inner[e, m, 2] = theta, v_next, w_next
 
 
-@njit(cache=True)
+@inner
 def _wander(inner: Array, e: int, m: int, dt: float, streams: Streams, row: int) -> None:
     """Advance the four wander states of a vehicle: `camnet.motion.road._wandered`."""
     keep = math.exp(-dt / _WANDER_S)
@@ -302,7 +303,7 @@ def _wander(inner: Array, e: int, m: int, dt: float, streams: Streams, row: int)
         inner[e, m, k] = keep * rough + kick * normal(streams, row)
 
 
-@njit(cache=True)
+@inner
 def _on_road(t: Targets, road: int, forward: bool, arc: float, offset: float) -> tuple[float, float]:
     """Place on a road, ``offset`` to the left of the way along it."""
     begin, n = t.line_first[road], t.line_first[road + 1] - t.line_first[road]
@@ -321,7 +322,7 @@ def _on_road(t: Targets, road: int, forward: bool, arc: float, offset: float) ->
     return t.lines[k, 0] + f * dx - side * dy, t.lines[k, 1] + f * dy + side * dx
 
 
-@njit(cache=True)
+@inner
 def _way_on(t: Targets, road: int, forward: bool, draw: float) -> tuple[int, bool]:
     """Road and direction taken at the end of a road: `RoadNetwork.after`."""
     if t.ends[road, 0] == 1:
@@ -343,7 +344,7 @@ def _way_on(t: Targets, road: int, forward: bool, draw: float) -> tuple[int, boo
     return road, not forward
 
 
-@njit(cache=True)
+@inner
 def _run_ahead(
     t: Targets, road: int, forward: bool, arc: float, distance: float, streams: Streams, row: int
 ) -> tuple[int, bool, float]:
@@ -358,7 +359,7 @@ def _run_ahead(
         arc = 0.0 if forward else t.lines[t.line_first[road + 1] - 1, 2]
 
 
-@njit(cache=True)
+@inner
 def _step_road(
     t: Targets, m: int, now: Array, inner: Array, e: int, dt: float, streams: Streams, row: int
 ) -> None:
@@ -377,10 +378,8 @@ def _step_road(
         road, forward, arc = _run_ahead(t, road, forward, arc, slack, streams, row)
     goal_x, goal_y = _on_road(t, road, forward, arc, offset)
     bearing = _wrapped(math.atan2(goal_y - y, goal_x - x) - theta)
-    if abs(bearing) > 0.5 * math.pi:  # behind: turn as sharply as allowed
-        w = math.copysign(t.shape[m, 6], bearing)
-    else:
-        w = 2.0 * v * math.sin(bearing) / leash
+    sharp = math.copysign(t.shape[m, 6], bearing)  # behind: turn as sharply as allowed
+    w = sharp if abs(bearing) > 0.5 * math.pi else 2.0 * v * math.sin(bearing) / leash
     theta_mid = theta + 0.5 * dt * w
     theta += dt * w
     _set_planar(
@@ -389,7 +388,7 @@ def _step_road(
     inner[e, m, 0], inner[e, m, 1], inner[e, m, 2], inner[e, m, 3] = theta, road, 1.0 if forward else 0.0, arc
 
 
-@njit(cache=True)
+@inner
 def _step_track(t: Targets, m: int, now: Array, inner: Array, e: int, t_s: float, dt: float) -> None:
     """`ReplayMotion.step`: the state at ``t_s + dt``."""
     first, n = t.track_first[m], t.track_first[m + 1] - t.track_first[m]

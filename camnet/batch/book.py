@@ -1,0 +1,315 @@
+"""What is counted while environments run: handoffs, view time, errors, collisions, control; and the reward.
+
+The rules are those of `camnet.simulation.handoff`, `camnet.simulation.statistics` and ``camnet.env.rewards``, which
+are the oracles. Columns of ``count``, ``track`` and ``clock`` are named in `camnet.batch.state`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from camnet.batch.compiled import inner
+from camnet.batch.network import Model
+from camnet.batch.sense import contains
+from camnet.batch.state import (
+    ATTEMPTED,
+    COLLISIONS,
+    COMPLETED,
+    DELAYED,
+    DELAYS,
+    EFFORT,
+    ERRORS,
+    EXITS,
+    FIRST_REGION,
+    LAP,
+    LAST_REGION,
+    LOST_S,
+    NEAREST,
+    OPEN,
+    PENDING,
+    REGION,
+    SEEN,
+    SENSES,
+    TRACKING,
+    WAS_SEEN,
+    State,
+)
+from camnet.batch.triples import Quaternion, multiply, rotate, rotate_inverse
+from camnet.geometry.spacing import least_distance
+from camnet.types import Array
+
+__all__ = ["after_control", "after_sense", "reward_of"]
+
+_STEADY_LAP = 3
+#: states of a row of ``pending``
+_FREE, _UNPAID, _PAID = 0.0, 1.0, 2.0
+
+
+@inner
+def _close(state: State, e: int, m: int) -> None:
+    """End the handoff in progress: nothing more can happen to it."""
+    k = int(state.track[e, m, OPEN])
+    state.track[e, m, OPEN] = -1.0
+    if state.pending[e, m, k, 2] == _PAID:
+        state.pending[e, m, k, 2] = _FREE
+
+
+@inner
+def _open(state: State, e: int, m: int, t_s: float) -> None:
+    """Begin a handoff."""
+    if state.track[e, m, OPEN] >= 0:
+        _close(state, e, m)
+    oldest, k = math.inf, 0
+    for i in range(PENDING):
+        if state.pending[e, m, i, 2] == _FREE:
+            k = i
+            break
+        if state.pending[e, m, i, 0] < oldest:
+            oldest, k = state.pending[e, m, i, 0], i
+    state.pending[e, m, k, 0], state.pending[e, m, k, 1], state.pending[e, m, k, 2] = t_s, math.nan, _UNPAID
+    state.track[e, m, OPEN] = k
+    state.count[e, ATTEMPTED] += 1.0
+
+
+@inner
+def _sighted(model: Model, state: State, e: int, m: int, t_s: float, region: int) -> None:
+    track = state.track
+    if track[e, m, OPEN] >= 0:
+        k = int(track[e, m, OPEN])
+        state.pending[e, m, k, 1] = t_s
+        delay = t_s - state.pending[e, m, k, 0]
+        done = int(state.count[e, DELAYED])
+        if done < DELAYS:
+            state.delays[e, done] = delay
+        state.count[e, DELAYED] += 1.0
+        if delay <= model.grace_s + 1e-9:
+            state.count[e, COMPLETED] += 1.0
+        _close(state, e, m)
+    if region != track[e, m, LAST_REGION]:
+        if track[e, m, FIRST_REGION] < 0:
+            track[e, m, FIRST_REGION] = region
+        elif region == track[e, m, FIRST_REGION]:
+            track[e, m, LAP] += 1.0
+    track[e, m, LAST_REGION] = region
+
+
+@inner
+def _follow(model: Model, state: State, e: int, m: int, t_s: float, camera: int) -> None:
+    """`HandoffTracker.update`: the target is in ``region`` and seen by ``camera`` (-1: nobody)."""
+    track, region = state.track, state.region[e, m]
+    seen, was_seen = camera >= 0, track[e, m, WAS_SEEN] > 0
+    if was_seen and not seen:
+        track[e, m, LOST_S] = t_s
+    last = track[e, m, LAST_REGION]
+    moved = region != track[e, m, REGION]
+    if region >= 0 and moved and not was_seen and last >= 0 and last != region:
+        _open(state, e, m, t_s)
+        entered = region
+    else:
+        entered = int(track[e, m, REGION]) if track[e, m, OPEN] >= 0 else -1
+    if moved and track[e, m, OPEN] >= 0 and region != entered:
+        _close(state, e, m)  # left again unseen: the attempt has failed
+    if seen:
+        _sighted(model, state, e, m, t_s, region if region >= 0 else camera)
+    track[e, m, WAS_SEEN], track[e, m, REGION] = (1.0 if camera >= 0 else 0.0), region
+
+
+@inner
+def _errors(state: State, e: int, m: int, seen: bool) -> None:
+    """Add the estimate's error to its group, once the target is known."""
+    if not math.isfinite(state.estimate[e, m, 14]):
+        return
+    lap = state.track[e, m, LAP]
+    if seen:
+        group = 0
+    elif lap >= _STEADY_LAP:
+        group = 1
+    elif lap == 1:
+        group = 2
+    else:
+        return
+    square = 0.0
+    for i in range(3):
+        square += (state.estimate[e, m, i] - state.target[e, m, i]) ** 2
+    a, t = state.estimate, state.target
+    off = multiply(
+        (a[e, m, 3], -a[e, m, 4], -a[e, m, 5], -a[e, m, 6]),
+        (t[e, m, 3], t[e, m, 4], t[e, m, 5], t[e, m, 6]),
+    )
+    sine = math.sqrt(off[1] * off[1] + off[2] * off[2] + off[3] * off[3])
+    angle = 2.0 * math.atan2(sine, abs(off[0]))
+    column = ERRORS + 3 * group
+    state.count[e, column] += 1.0
+    state.count[e, column + 1] += square
+    state.count[e, column + 2] += angle * angle
+
+
+@inner
+def after_sense(model: Model, state: State, e: int, t_s: float) -> None:
+    """Follow the targets through the network and record what the estimates missed; `RunStatistics.after_sense`."""
+    bodies, count = state.bodies, state.count
+    for n in range(bodies.shape[1]):
+        outside = 0 if contains(model, n, (bodies[e, n, 0], bodies[e, n, 1], bodies[e, n, 2])) else 1
+        if outside == 1 and state.outside[e, n] == 0:
+            count[e, EXITS] += 1.0
+        state.outside[e, n] = outside
+    count[e, NEAREST] = min(count[e, NEAREST], least_distance(bodies[e, :, :3]))
+    for m in range(state.target.shape[1]):
+        camera = -1
+        for c in range(state.cameras.shape[1]):
+            if state.visible[e, c, m] == 1:
+                camera = c
+                break
+        _follow(model, state, e, m, t_s, camera)
+        count[e, SEEN] += 1.0 if camera >= 0 else 0.0
+        count[e, SENSES] += 1.0
+        _errors(state, e, m, camera >= 0)
+
+
+@inner
+def _axis_of(state: State, e: int, n: int) -> tuple[float, float, float]:
+    """Return the body's z axis."""
+    b = state.bodies
+    return rotate((b[e, n, 6], b[e, n, 3], b[e, n, 4], b[e, n, 5]), (0.0, 0.0, 1.0))
+
+
+@inner
+def _half_width(model: Model, along: float) -> float:
+    """Half the extent of an agent's cylinder along a unit vector that makes the cosine ``along`` with its axis."""
+    return 0.5 * model.body[1] * abs(along) + model.body[0] * math.sqrt(max(1.0 - along * along, 0.0))
+
+
+@inner
+def _touches_target(model: Model, state: State, e: int, n: int, m: int) -> bool:
+    """Whether an agent's cylinder meets a target's box: no axis of theirs, nor the line between, separates them."""
+    t, b = state.target, state.bodies
+    hx, hy, hz = 0.5 * model.sizes[m, 0], 0.5 * model.sizes[m, 1], 0.5 * model.sizes[m, 2]
+    q: Quaternion = (t[e, m, 3], t[e, m, 4], t[e, m, 5], t[e, m, 6])
+    d = rotate_inverse(q, (b[e, n, 0] - t[e, m, 0], b[e, n, 1] - t[e, m, 1], b[e, n, 2] - t[e, m, 2]))
+    x, y, z = d[0], d[1], d[2] - hz
+    far = math.sqrt(hx * hx + hy * hy + hz * hz) + math.sqrt(model.body[0] ** 2 + 0.25 * model.body[1] ** 2)
+    if x * x + y * y + z * z > far * far:
+        return False
+    a = rotate_inverse(q, _axis_of(state, e, n))
+    if (
+        abs(x) > hx + _half_width(model, a[0])
+        or abs(y) > hy + _half_width(model, a[1])
+        or abs(z) > hz + _half_width(model, a[2])
+    ):
+        return False
+    reach = hx * abs(a[0]) + hy * abs(a[1]) + hz * abs(a[2])
+    if abs(x * a[0] + y * a[1] + z * a[2]) > reach + 0.5 * model.body[1]:
+        return False
+    # from the nearest point of the box to the agent's middle
+    ux, uy, uz = x - min(max(x, -hx), hx), y - min(max(y, -hy), hy), z - min(max(z, -hz), hz)
+    length = math.sqrt(ux * ux + uy * uy + uz * uz)
+    if length < 1e-9:
+        return True
+    return length <= _half_width(model, (ux * a[0] + uy * a[1] + uz * a[2]) / length)
+
+
+@inner
+def _touches_agent(model: Model, state: State, e: int, n: int, k: int) -> bool:
+    """Whether two agents' cylinders meet: neither axis nor the line between their middles separates them."""
+    b = state.bodies
+    x, y, z = b[e, n, 0] - b[e, k, 0], b[e, n, 1] - b[e, k, 1], b[e, n, 2] - b[e, k, 2]
+    square = x * x + y * y + z * z
+    if square > 4.0 * (model.body[0] ** 2 + 0.25 * model.body[1] ** 2):
+        return False
+    length = math.sqrt(square)
+    if length < 1e-9:
+        return True
+    a, c = _axis_of(state, e, n), _axis_of(state, e, k)
+    along_a, along_c = (x * a[0] + y * a[1] + z * a[2]), (x * c[0] + y * c[1] + z * c[2])
+    both = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
+    half = 0.5 * model.body[1]
+    return (
+        length <= _half_width(model, along_a / length) + _half_width(model, along_c / length)
+        and abs(along_a) <= half + _half_width(model, both)
+        and abs(along_c) <= half + _half_width(model, both)
+    )
+
+
+@inner
+def _touches_ground(model: Model, state: State, e: int, n: int) -> bool:
+    height = state.bodies[e, n, 2]
+    if height > model.body[0] + model.body[1]:
+        return False
+    return height <= _half_width(model, _axis_of(state, e, n)[2])
+
+
+@inner
+def _note(state: State, e: int, n: int, k: int, touching: bool) -> None:
+    """Note a pair; a collision counts once, when it starts."""
+    if touching and state.touching[e, n, k] == 0:
+        state.count[e, COLLISIONS] += 1.0
+    state.touching[e, n, k] = 1 if touching else 0
+
+
+@inner
+def after_control(model: Model, state: State, e: int, errors: float) -> None:
+    """Count touches, effort and the references' squared errors; `RunStatistics.after_control`."""
+    agents, targets, b = state.bodies.shape[1], state.target.shape[1], state.bodies
+    effort = 0.0
+    for n in range(agents):
+        effort += b[e, n, 7] ** 2 + b[e, n, 8] ** 2 + b[e, n, 9] ** 2
+        for k in range(n):
+            _note(state, e, n, k, _touches_agent(model, state, e, n, k))
+        _note(state, e, n, agents, _touches_ground(model, state, e, n))
+        for m in range(targets):
+            _note(state, e, n, agents + 1 + m, _touches_target(model, state, e, n, m))
+    state.count[e, EFFORT] += model.dt_s * effort
+    state.count[e, TRACKING + 1] += errors
+
+
+@inner
+def collided(state: State, e: int) -> bool:
+    """Whether anything touches now."""
+    for n in range(state.touching.shape[1]):
+        for k in range(state.touching.shape[2]):
+            if state.touching[e, n, k] == 1:
+                return True
+    return False
+
+
+@inner
+def _pay(model: Model, state: State, e: int, m: int, t_s: float) -> float:
+    """Pay each handoff once: when it is completed, or when its grace time is over."""
+    total = 0.0
+    for k in range(PENDING):
+        if state.pending[e, m, k, 2] != _UNPAID:
+            continue
+        entered, seen = state.pending[e, m, k, 0], state.pending[e, m, k, 1]
+        is_open = int(state.track[e, m, OPEN]) == k
+        if seen - entered <= model.grace_s + 1e-9:
+            total += model.rewards[1] * (1.0 - max(seen - entered, 0.0) / model.grace_s)
+            state.pending[e, m, k, 2] = _FREE
+        elif t_s - entered > model.grace_s:
+            total -= model.rewards[2]
+            state.pending[e, m, k, 2] = _PAID if is_open else _FREE
+    return total
+
+
+@inner
+def reward_of(model: Model, state: State, e: int, t_s: float, dt_s: float) -> float:
+    """Shared reward of the decision of length ``dt_s`` that has just ended."""
+    weights: Array = model.rewards
+    agents, targets, b = state.bodies.shape[1], state.target.shape[1], state.bodies
+    in_view = 0.0
+    for m in range(targets):
+        for c in range(state.cameras.shape[1]):
+            if state.visible[e, c, m] == 1:
+                in_view += 1.0
+                break
+    effort, outside = 0.0, 0.0
+    for n in range(agents):
+        speed = math.sqrt(b[e, n, 7] ** 2 + b[e, n, 8] ** 2 + b[e, n, 9] ** 2) / model.v_max
+        effort += min(speed, 3.0) ** 2
+        outside += 0.0 if contains(model, n, (b[e, n, 0], b[e, n, 1], b[e, n, 2])) else 1.0
+    reward = weights[0] * dt_s * in_view / targets
+    reward -= weights[3] * dt_s * effort / agents
+    reward -= weights[4] * dt_s * outside
+    reward -= weights[5] * (1.0 if collided(state, e) else 0.0)
+    for m in range(targets):
+        reward += _pay(model, state, e, m, t_s)
+    return reward

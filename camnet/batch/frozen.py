@@ -1,0 +1,416 @@
+"""A learned model that is not learned any further, of many environments: cheap enough for training.
+
+The estimator is `camnet.estimation.learning_estimator` with its weights held: the same feedback while the target is
+seen (harris2020 (3-8), (4-16)), the same predictor while it is not (3-15), the same error radius. What it takes from
+the weights, the twist and the support at a place, is read from a table (bilinear), so that a step costs the same
+whatever the number of kernels. Two things are simpler. The prior mean turns about the vertical, not about the
+estimated body axis (they differ by the measured tilt, hundredths of a radian), and while the target is seen and the
+model answers for its motion the prior is renewed when it is next needed rather than at every measurement.
+
+| array | row of one (environment, target) |
+| --- | --- |
+| ``pose`` (E, M, 14) | t, p (3), q (4), prior mean (v, w: 6) |
+| ``history`` (E, M, H, 8) | latest poses of the sighting (t, p, q) as a ring |
+| ``held`` (E, M, 3) | their count, next place, whether a fit is due |
+| ``square`` (E, M, J) | mean square residual of each of a target's J models, m^2 |
+| ``rates`` (E, M, J, 9) | error rates of the last 8 gaps, m/s, and their count |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from camnet.batch.book import after_sense
+from camnet.batch.compiled import inner
+from camnet.batch.estimator_learn import fit_motion
+from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
+from camnet.batch.network import Model
+from camnet.batch.observe import due, find_entries, forget_entries
+from camnet.batch.sense import sense
+from camnet.batch.state import State
+from camnet.batch.triples import Quaternion, Triple, multiply, turn
+from camnet.estimation.concurrent_learning import switching
+from camnet.estimation.observation import LOST_PERIODS
+from camnet.estimation.projection import axis_factor
+from camnet.estimation.propagate import POSE_LAYER_M
+from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
+from camnet.types import Array, IntArray
+
+__all__ = ["Frozen", "decide"]
+
+#: longest step of the predictor's integration, s; a rollout may take four times as long ones
+_MAX_STEP_S = 0.05
+#: share of the motion that the model leaves to the prior from which on the prior is kept up to date while seen
+_PRIOR_MATTERS = 0.05
+_Twist = tuple[float, float, float, float, float, float, float]
+
+
+class Frozen(NamedTuple):
+    """Tables, settings and state; see the module's text. K models, R regions.
+
+    Attributes
+    ----------
+    table : (K, rows, columns, 7) velocity, angular velocity and support over places
+    model_of : (M, R) model of a target in a region
+    grid : (3,) x, y of the table's first place and the reciprocal of its spacing
+    low, high : (3,) bounds of the tracking space
+    k1, k2, switching, layer : feedback
+    prior, turn_memory_s, handover_s : remedies of the gap
+    samples, reset_on_sighting : poses in a fit; whether a new sighting restarts the pose
+    """
+
+    table: Array
+    model_of: IntArray
+    grid: Array
+    low: Array
+    high: Array
+    k1: float
+    k2: float
+    switching: int
+    layer: float
+    prior: int
+    turn_memory_s: float
+    handover_s: float
+    samples: int
+    reset_on_sighting: bool
+    pose: Array
+    history: Array
+    held: IntArray
+    square: Array
+    rates: Array
+
+
+@inner
+def _learned(f: Frozen, k: int, x: float, y: float) -> _Twist:
+    """Velocity (world), angular velocity (body) and support that model ``k`` has learned at a place."""
+    u, v = (x - f.grid[0]) * f.grid[2], (y - f.grid[1]) * f.grid[2]
+    rows, columns = f.table.shape[1], f.table.shape[2]
+    if not (0.0 <= u < columns - 1 and 0.0 <= v < rows - 1):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    i, j = int(v), int(u)
+    b, a = v - i, u - j
+    c00, c01, c10, c11 = (1.0 - b) * (1.0 - a), (1.0 - b) * a, b * (1.0 - a), b * a
+    t = f.table
+    return (
+        c00 * t[k, i, j, 0] + c01 * t[k, i, j + 1, 0] + c10 * t[k, i + 1, j, 0] + c11 * t[k, i + 1, j + 1, 0],
+        c00 * t[k, i, j, 1] + c01 * t[k, i, j + 1, 1] + c10 * t[k, i + 1, j, 1] + c11 * t[k, i + 1, j + 1, 1],
+        c00 * t[k, i, j, 2] + c01 * t[k, i, j + 1, 2] + c10 * t[k, i + 1, j, 2] + c11 * t[k, i + 1, j + 1, 2],
+        c00 * t[k, i, j, 3] + c01 * t[k, i, j + 1, 3] + c10 * t[k, i + 1, j, 3] + c11 * t[k, i + 1, j + 1, 3],
+        c00 * t[k, i, j, 4] + c01 * t[k, i, j + 1, 4] + c10 * t[k, i + 1, j, 4] + c11 * t[k, i + 1, j + 1, 4],
+        c00 * t[k, i, j, 5] + c01 * t[k, i, j + 1, 5] + c10 * t[k, i + 1, j, 5] + c11 * t[k, i + 1, j + 1, 5],
+        c00 * t[k, i, j, 6] + c01 * t[k, i, j + 1, 6] + c10 * t[k, i + 1, j, 6] + c11 * t[k, i + 1, j + 1, 6],
+    )
+
+
+@inner
+def _blended(learned: _Twist, v: Triple, w: Triple, use_prior: bool) -> tuple[Triple, Triple, float]:
+    """Twist with the prior mean where the model does not answer, and the support u in [0, 1]."""
+    support = min(1.0, max(0.0, learned[6]))
+    rest = 1.0 - support if use_prior else 0.0
+    return (
+        (learned[0] + rest * v[0], learned[1] + rest * v[1], learned[2] + rest * v[2]),
+        (learned[3] + rest * w[0], learned[4] + rest * w[1], learned[5] + rest * w[2]),
+        support,
+    )
+
+
+@inner
+def _moved(f: Frozen, p: Triple, v: Triple, dt: float) -> Triple:
+    """Position after ``dt``, projected onto the tracking bounds."""
+    return (
+        p[0] + dt * v[0] * axis_factor(p[0], v[0], f.low[0], f.high[0], POSE_LAYER_M),
+        p[1] + dt * v[1] * axis_factor(p[1], v[1], f.low[1], f.high[1], POSE_LAYER_M),
+        p[2] + dt * v[2] * axis_factor(p[2], v[2], f.low[2], f.high[2], POSE_LAYER_M),
+    )
+
+
+@inner
+def _midpoint(
+    f: Frozen, k: int, p: Triple, pv: Triple, pw: Triple, dt: float, fade: float, share: float
+) -> tuple[Triple, Triple, Triple, Triple, Triple]:
+    """One midpoint step: position, twist (v, w) on the way, prior (v, w) after it.
+
+    ``fade`` is what is left of the prior's turn after ``dt``, ``share`` how far the prior follows the learned motion.
+    """
+    v, _, _ = _blended(_learned(f, k, p[0], p[1]), pv, pw, f.prior > 0)
+    middle = _moved(f, p, v, 0.5 * dt)
+    v, w, support = _blended(_learned(f, k, middle[0], middle[1]), pv, pw, f.prior > 0)
+    if f.prior == 2:
+        angle = dt * pw[2]
+        c = 1.0 - 0.5 * angle * angle * (1.0 - angle * angle / 12.0)
+        s = angle * (1.0 - angle * angle / 6.0 * (1.0 - angle * angle / 20.0))
+        pv = (c * pv[0] - s * pv[1], s * pv[0] + c * pv[1], pv[2])
+        pw = (fade * pw[0], fade * pw[1], fade * pw[2])
+    b = support * share
+    pv = (pv[0] + b * (v[0] - pv[0]), pv[1] + b * (v[1] - pv[1]), pv[2] + b * (v[2] - pv[2]))
+    pw = (pw[0] + b * (w[0] - pw[0]), pw[1] + b * (w[1] - pw[1]), pw[2] + b * (w[2] - pw[2]))
+    return _moved(f, p, v, dt), v, w, pv, pw
+
+
+@inner
+def _advance(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
+    """Motion without feedback up to ``t_s``: (3-15)."""
+    pose = f.pose
+    duration = t_s - pose[e, m, 0]
+    if duration <= 0.0:
+        return
+    k = f.model_of[m, int(state.estimate[e, m, 15])]
+    steps = math.ceil(duration / _MAX_STEP_S)
+    dt = duration / steps
+    fade, share = math.exp(-dt / f.turn_memory_s), -math.expm1(-dt / f.handover_s)
+    p = (pose[e, m, 1], pose[e, m, 2], pose[e, m, 3])
+    q: Quaternion = (pose[e, m, 4], pose[e, m, 5], pose[e, m, 6], pose[e, m, 7])
+    pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
+    pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
+    v, w = pv, pw
+    for _ in range(steps):
+        p, v, w, pv, pw = _midpoint(f, k, p, pv, pw, dt, fade, share)
+        q = multiply(q, turn(dt * w[0], dt * w[1], dt * w[2]))
+    _keep(f, state, e, m, t_s, p, q, v, w)
+    for i in range(3):
+        pose[e, m, 8 + i], pose[e, m, 11 + i] = pv[i], pw[i]
+
+
+@inner
+def _keep(
+    f: Frozen, state: State, e: int, m: int, t_s: float, p: Triple, q: Quaternion, v: Triple, w: Triple
+) -> None:
+    """Store time, pose (its quaternion normalised) and twist, and show them."""
+    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    f.pose[e, m, 0] = t_s
+    for i in range(3):
+        f.pose[e, m, 1 + i] = state.estimate[e, m, i] = p[i]
+        state.estimate[e, m, 7 + i], state.estimate[e, m, 10 + i] = v[i], w[i]
+    for i in range(4):
+        f.pose[e, m, 4 + i] = state.estimate[e, m, 3 + i] = scale * q[i]
+
+
+@inner
+def _refresh_prior(f: Frozen, e: int, m: int) -> None:
+    """Fit the present motion to the poses of the sighting, if there are enough and it is due."""
+    held, next_ = f.held[e, m, 0], f.held[e, m, 1]
+    if f.held[e, m, 2] == 0 or 3 * held < f.samples or held < 3:
+        return
+    f.held[e, m, 2] = 0
+    rows, size = np.empty((held, 8)), f.history.shape[2]
+    for i in range(held):
+        for k in range(8):
+            rows[i, k] = f.history[e, m, (next_ - held + i + size) % size, k]
+    if not rows[held - 1, 0] > rows[0, 0]:
+        return
+    out = np.empty(13)
+    fit_motion(rows, held, rows[held - 1, 0], out)
+    for i in range(6):
+        f.pose[e, m, 8 + i] = out[7 + i]
+
+
+@inner
+def _remember(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
+    """Note the measured pose for the next fit."""
+    size, at = f.history.shape[2], f.held[e, m, 1]
+    f.history[e, m, at, 0] = t_s
+    for i in range(7):
+        f.history[e, m, at, 1 + i] = state.measured[e, m, i]
+    f.held[e, m, 0] = min(f.held[e, m, 0] + 1, size)
+    f.held[e, m, 1] = at + 1 if at + 1 < size else 0
+    f.held[e, m, 2] = 1
+
+
+@inner
+def _memory(f: Frozen, state: State, e: int, m: int) -> int:
+    """Which of the target's models is in force: one a region, or one for all."""
+    return f.model_of[m, int(state.estimate[e, m, 15])] - f.model_of[m, 0]
+
+
+@inner
+def _growth(f: Frozen, state: State, e: int, m: int) -> float:
+    """Growth of the error radius while unseen, m/s: `ErrorRadius.growth`."""
+    r = _memory(f, state, e, m)
+    count = int(f.rates[e, m, r, REMEMBERED_GAPS])
+    if count == 0:
+        s = state.estimate
+        return BLIND_SHARE * math.sqrt(s[e, m, 7] ** 2 + s[e, m, 8] ** 2 + s[e, m, 9] ** 2)
+    worst = 0.0
+    for i in range(min(count, REMEMBERED_GAPS)):
+        worst = max(worst, f.rates[e, m, r, i])
+    return MARGIN * worst
+
+
+@inner
+def _set_radius(f: Frozen, state: State, e: int, m: int) -> None:
+    r, s = _memory(f, state, e, m), state.estimate
+    since = max(0.0, f.pose[e, m, 0] - s[e, m, 14])
+    growth = _growth(f, state, e, m) if since > 0.0 else 0.0
+    s[e, m, 16] = 3.0 * math.sqrt(f.square[e, m, r]) + growth * since
+
+
+@inner
+def _resight(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) -> None:
+    """Take the target up again, after a gap or handed over without one."""
+    s, z = state.estimate, state.measured
+    if s[e, m, 13] > 0.0 and t_s - s[e, m, 14] > LOST_PERIODS * model.sense_dt_s:
+        s[e, m, 13] = 0.0
+    _refresh_prior(f, e, m)
+    without_gap = s[e, m, 13] > 0.0
+    _advance(f, state, e, m, t_s)
+    f.held[e, m, 0] = 0
+    duration, r = t_s - s[e, m, 14], _memory(f, state, e, m)
+    if not without_gap and duration > 0.0:
+        miss = 0.0
+        for i in range(3):
+            miss += (z[e, m, i] - f.pose[e, m, 1 + i]) ** 2
+        count = int(f.rates[e, m, r, REMEMBERED_GAPS])
+        f.rates[e, m, r, count % REMEMBERED_GAPS] = math.sqrt(miss) / duration
+        f.rates[e, m, r, REMEMBERED_GAPS] = count + 1
+    if f.reset_on_sighting:
+        _restart_pose(f, state, e, m, t_s)
+
+
+@inner
+def _restart_pose(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
+    """Put the pose at the measured one; the quaternion with the sign of the present."""
+    z, pose = state.measured, f.pose
+    dot = 0.0
+    for i in range(4):
+        dot += pose[e, m, 4 + i] * z[e, m, 3 + i]
+    sign = -1.0 if dot < 0.0 else 1.0
+    pose[e, m, 0] = t_s
+    for i in range(3):
+        pose[e, m, 1 + i] = state.estimate[e, m, i] = z[e, m, i]
+    for i in range(4):
+        pose[e, m, 4 + i] = state.estimate[e, m, 3 + i] = sign * z[e, m, 3 + i]
+
+
+@inner
+def _follow(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) -> None:
+    """In view, (3-8), (4-16): the model's rates at the measured pose, then the feedback."""
+    z, pose, r = state.measured, f.pose, _memory(f, state, e, m)
+    learned = _learned(f, f.model_of[m, 0] + r, z[e, m, 0], z[e, m, 1])
+    if 1.0 - learned[6] > _PRIOR_MATTERS:
+        _refresh_prior(f, e, m)
+    pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
+    v, w, _ = _blended(learned, pv, (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13]), f.prior > 0)
+    dt = t_s - pose[e, m, 0]
+    q: Quaternion = (pose[e, m, 4], pose[e, m, 5], pose[e, m, 6], pose[e, m, 7])
+    spin = multiply(q, (0.0, w[0], w[1], w[2]))
+    q = (
+        q[0] + 0.5 * dt * spin[0],
+        q[1] + 0.5 * dt * spin[1],
+        q[2] + 0.5 * dt * spin[2],
+        q[3] + 0.5 * dt * spin[3],
+    )
+    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    q = (scale * q[0], scale * q[1], scale * q[2], scale * q[3])
+    dot = q[0] * z[e, m, 3] + q[1] * z[e, m, 4] + q[2] * z[e, m, 5] + q[3] * z[e, m, 6]
+    sign = -1.0 if dot < 0.0 else 1.0
+    share = -math.expm1(-f.k1 * dt)
+    x, dx = _fed_back(f, pose[e, m, 1] + dt * v[0], z[e, m, 0], share, dt)
+    y, dy = _fed_back(f, pose[e, m, 2] + dt * v[1], z[e, m, 1], share, dt)
+    h, dh = _fed_back(f, pose[e, m, 3] + dt * v[2], z[e, m, 2], share, dt)
+    q = (
+        _fed_back(f, q[0], sign * z[e, m, 3], share, dt)[0],
+        _fed_back(f, q[1], sign * z[e, m, 4], share, dt)[0],
+        _fed_back(f, q[2], sign * z[e, m, 5], share, dt)[0],
+        _fed_back(f, q[3], sign * z[e, m, 6], share, dt)[0],
+    )
+    _keep(f, state, e, m, t_s, (x, y, h), q, v, w)
+    f.square[e, m, r] += (dx * dx + dy * dy + dh * dh - f.square[e, m, r]) / MEMORY
+
+
+@inner
+def _fed_back(f: Frozen, x: float, measured: float, share: float, dt: float) -> tuple[float, float]:
+    """One coordinate after the feedback, and its error before."""
+    error = measured - x
+    return x + share * error + dt * f.k2 * switching(error, f.switching, f.layer), error
+
+
+@inner
+def update(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) -> None:
+    """Advance the estimate of target ``m`` to ``t_s``, with the measurement if there is one."""
+    s, region = state.estimate, state.measured[e, m, 7]
+    lost_s = LOST_PERIODS * model.sense_dt_s
+    if region < 0.0:
+        if s[e, m, 15] < 0.0:
+            return
+        if s[e, m, 13] > 0.0 and t_s - s[e, m, 14] > lost_s:
+            s[e, m, 13] = 0.0
+            _refresh_prior(f, e, m)
+            f.held[e, m, 0] = 0
+        elif s[e, m, 13] > 0.0:
+            _refresh_prior(f, e, m)
+        _advance(f, state, e, m, t_s)
+    else:
+        if s[e, m, 15] < 0.0:
+            _restart_pose(f, state, e, m, t_s)
+        elif t_s - s[e, m, 14] > lost_s or f.model_of[m, int(region)] != f.model_of[m, int(s[e, m, 15])]:
+            _resight(f, model, state, e, m, t_s)
+        else:
+            _follow(f, model, state, e, m, t_s)
+        s[e, m, 13], s[e, m, 14], s[e, m, 15] = 1.0, t_s, region
+        _remember(f, state, e, m, t_s)
+    _set_radius(f, state, e, m)
+
+
+@inner
+def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array) -> None:
+    """Write the predicted points and error radii (K, 4) to ``path``."""
+    _refresh_prior(f, e, m)
+    pose, dt = f.pose, model.rollout_dt_s
+    k = f.model_of[m, int(state.estimate[e, m, 15])]
+    substeps = max(1, math.ceil(dt / (4.0 * _MAX_STEP_S) - 1e-9))
+    h = dt / substeps
+    fade, share = math.exp(-h / f.turn_memory_s), -math.expm1(-h / f.handover_s)
+    p = (pose[e, m, 1], pose[e, m, 2], pose[e, m, 3])
+    pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
+    pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
+    growth = _growth(f, state, e, m)
+    for i in range(path.shape[0]):
+        for _ in range(substeps):
+            p, _, _, pv, pw = _midpoint(f, k, p, pv, pw, h, fade, share)
+        path[i, 0], path[i, 1], path[i, 2] = p
+        path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
+
+
+@njit(cache=True, nogil=True)
+def decide(
+    model: Model,
+    state: State,
+    f: Frozen,
+    chosen: IntArray,
+    fresh: bool,
+    actions: Array,
+    observations: NDArray[np.float32],
+    outcome: Array,
+) -> None:
+    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
+    targets = state.target.shape[1]
+    noise = np.empty((state.cameras.shape[1], targets, 6))
+    path = np.empty((model.steps, 4))
+    for e in chosen:
+        t_s = 0.0
+        if fresh:
+            place_cameras(model, state, e)
+            start_references(state, e)
+        else:
+            begin(model, state, e, actions)
+        for _ in range(1 if fresh else model.decide_every):
+            if not fresh:
+                t_s = fly_once(model, state, e)
+            if sensing_due(model, state, e):
+                sense(model, state, e, noise)
+                for m in range(targets):
+                    update(f, model, state, e, m, t_s)
+                after_sense(model, state, e, t_s)
+        if due(model, state, e, t_s):
+            for m in range(targets):
+                if state.estimate[e, m, 15] >= 0.0:
+                    roll_out(f, model, state, e, m, path)
+                    find_entries(model, state, e, m, path, f.pose[e, m, 0])
+                else:
+                    forget_entries(state, e, m)
+        finish(model, state, e, fresh, observations, outcome)

@@ -1,0 +1,92 @@
+"""The learning estimator of many environments in the loop; its kernels are in `camnet.batch.estimator`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from camnet.batch.book import after_sense
+from camnet.batch.compiled import inner
+from camnet.batch.estimator import EstimatorSetup, EstimatorState, correct, estimate, predict, rollout
+from camnet.batch.estimator_layout import T
+from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
+from camnet.batch.network import Model
+from camnet.batch.observe import due, find_entries, forget_entries
+from camnet.batch.sense import sense
+from camnet.batch.state import State
+from camnet.types import Array, IntArray
+
+__all__ = ["Learning", "decide"]
+
+
+class Learning(NamedTuple):
+    """Estimators of E environments and M targets: row ``e M + m`` is that of target m in environment e."""
+
+    setup: EstimatorSetup
+    rows: EstimatorState
+
+
+@inner
+def update(est: Learning, state: State, e: int, m: int, t_s: float) -> None:
+    """Advance the estimator of target ``m`` to ``t_s``, with the measurement if there is one."""
+    r, z = e * state.target.shape[1] + m, state.measured[e, m]
+    if z[7] < 0.0:
+        predict(est.setup, est.rows, r, t_s)
+    else:
+        correct(est.setup, est.rows, r, t_s, z[0:3], z[3:7], int(z[7]))
+    row = state.estimate[e, m]
+    region = estimate(est.setup, est.rows, r, row)
+    row[16], row[15] = row[15], float(region)
+
+
+@inner
+def roll_out(est: Learning, model: Model, state: State, e: int, m: int, wide: Array, path: Array) -> float:
+    """Write the predicted points and error radii (K, 4) to ``path``, by way of ``wide`` (K, 8); time before it, s."""
+    r = e * state.target.shape[1] + m
+    rollout(est.setup, est.rows, r, model.rollout_dt_s, wide)
+    for k in range(path.shape[0]):
+        path[k, 0], path[k, 1], path[k, 2], path[k, 3] = wide[k, 0], wide[k, 1], wide[k, 2], wide[k, 7]
+    return float(est.rows.pose[r, T])
+
+
+@njit(cache=True, nogil=True)
+def decide(
+    model: Model,
+    state: State,
+    est: Learning,
+    chosen: IntArray,
+    fresh: bool,
+    actions: Array,
+    observations: NDArray[np.float32],
+    outcome: Array,
+) -> None:
+    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
+    targets = state.target.shape[1]
+    noise = np.empty((state.cameras.shape[1], targets, 6))
+    path, wide = np.empty((model.steps, 4)), np.empty((model.steps, 8))
+    for e in chosen:
+        t_s = 0.0
+        if fresh:
+            place_cameras(model, state, e)
+            start_references(state, e)
+        else:
+            begin(model, state, e, actions)
+        for _ in range(1 if fresh else model.decide_every):
+            if not fresh:
+                t_s = fly_once(model, state, e)
+            if sensing_due(model, state, e):
+                sense(model, state, e, noise)
+                for m in range(targets):
+                    update(est, state, e, m, t_s)
+                after_sense(model, state, e, t_s)
+        if due(model, state, e, t_s):
+            for m in range(targets):
+                if state.estimate[e, m, 15] >= 0.0:
+                    at = roll_out(est, model, state, e, m, wide, path)
+                    find_entries(model, state, e, m, path, at)
+                else:
+                    forget_entries(state, e, m)
+        finish(model, state, e, fresh, observations, outcome)

@@ -1,0 +1,149 @@
+"""The truth, now and to come, in place of an estimate: `camnet.simulation.oracle` for many environments.
+
+A target's motion depends on its state, the time and its own stream alone, so copies of those, stepped ahead, go through
+what the environment will show. They run ahead by the look-ahead time; where they were is kept in a ring.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from camnet.batch.book import after_sense
+from camnet.batch.compiled import inner
+from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
+from camnet.batch.motion import step_target
+from camnet.batch.network import Model
+from camnet.batch.observe import due, find_entries, forget_entries
+from camnet.batch.random import Streams
+from camnet.batch.sense import sense
+from camnet.batch.state import State
+from camnet.estimation.observation import LOST_PERIODS
+from camnet.types import Array, IntArray
+
+__all__ = ["Oracle", "allocate_oracle", "decide", "reset_oracle"]
+
+
+class Oracle(NamedTuple):
+    """Copies that run ahead, of E environments and M targets.
+
+    Attributes
+    ----------
+    target, inner, streams : (E, M, 13), (E, M, 8), (E * M, 4) as in `State`, at the steps ``made`` (E,)
+    ring : (E, L, M, 3) points of the last L steps
+    at : (E, M) time of the last sensing, s
+    """
+
+    target: Array
+    inner: Array
+    streams: Streams
+    made: IntArray
+    ring: Array
+    at: Array
+
+
+def allocate_oracle(model: Model, environments: int) -> Oracle:
+    """Room for the copies."""
+    e, m = environments, len(model.speeds)
+    length = round(model.steps * model.rollout_dt_s / model.dt_s) + model.decide_every + 2
+    return Oracle(
+        np.zeros((e, m, 13)),
+        np.zeros((e, m, 8)),
+        np.zeros((e * m, 4), dtype=np.uint64),
+        np.zeros(e, dtype=np.int64),
+        np.zeros((e, length, m, 3)),
+        np.zeros((e, m)),
+    )
+
+
+def reset_oracle(oracle: Oracle, state: State, e: int) -> None:
+    """Copy the start of environment ``e``."""
+    m = state.target.shape[1]
+    oracle.target[e], oracle.inner[e], oracle.made[e] = state.target[e], state.inner[e], 0
+    oracle.streams[e * m : (e + 1) * m] = state.streams[e * (2 + m) + 2 : (e + 1) * (2 + m)]
+    oracle.ring[e, 0] = state.target[e, :, :3]
+
+
+@inner
+def update(oracle: Oracle, model: Model, state: State, e: int, m: int, t_s: float) -> None:
+    """Know the truth of target ``m``, once it has been seen for the first time."""
+    row, z = state.estimate[e, m], state.measured[e, m]
+    if z[7] >= 0.0:
+        row[13], row[14], row[15], row[16] = 1.0, t_s, z[7], 0.0
+    elif row[15] < 0.0:
+        return
+    else:
+        row[13] = 1.0 if t_s - row[14] <= LOST_PERIODS * model.sense_dt_s else 0.0
+    row[0:13] = state.target[e, m]
+    oracle.at[e, m] = t_s
+
+
+@inner
+def _run_ahead(oracle: Oracle, model: Model, e: int, until: int) -> None:
+    """Step the copies of environment ``e`` until they have made so many steps."""
+    length, targets = oracle.ring.shape[1], oracle.ring.shape[2]
+    while oracle.made[e] < until:
+        t_s = oracle.made[e] * model.dt_s
+        oracle.made[e] += 1
+        for m in range(targets):
+            row = e * targets + m
+            step_target(
+                model.targets, m, oracle.target, oracle.inner, e, t_s, model.dt_s, oracle.streams, row
+            )
+            for i in range(3):
+                oracle.ring[e, oracle.made[e] % length, m, i] = oracle.target[e, m, i]
+
+
+@inner
+def roll_out(oracle: Oracle, model: Model, state: State, e: int, m: int, path: Array) -> None:
+    """Write the true coming points (K, 4), with no error, to ``path``: those of the nearest steps."""
+    length, steps = oracle.ring.shape[1], path.shape[0]
+    _run_ahead(oracle, model, e, int(np.rint((oracle.at[e, m] + model.rollout_dt_s * steps) / model.dt_s)))
+    for k in range(steps):
+        step = int(np.rint((oracle.at[e, m] + model.rollout_dt_s * (k + 1)) / model.dt_s))
+        for i in range(3):
+            path[k, i] = oracle.ring[e, step % length, m, i]
+        path[k, 3] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def decide(
+    model: Model,
+    state: State,
+    oracle: Oracle,
+    chosen: IntArray,
+    fresh: bool,
+    actions: Array,
+    observations: NDArray[np.float32],
+    outcome: Array,
+) -> None:
+    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
+    targets = state.target.shape[1]
+    noise = np.empty((state.cameras.shape[1], targets, 6))
+    path = np.empty((model.steps, 4))
+    for e in chosen:
+        t_s = 0.0
+        if fresh:
+            place_cameras(model, state, e)
+            start_references(state, e)
+        else:
+            begin(model, state, e, actions)
+        for _ in range(1 if fresh else model.decide_every):
+            if not fresh:
+                t_s = fly_once(model, state, e)
+            if sensing_due(model, state, e):
+                sense(model, state, e, noise)
+                for m in range(targets):
+                    update(oracle, model, state, e, m, t_s)
+                after_sense(model, state, e, t_s)
+        if due(model, state, e, t_s):
+            for m in range(targets):
+                if state.estimate[e, m, 15] >= 0.0:
+                    roll_out(oracle, model, state, e, m, path)
+                    find_entries(model, state, e, m, path, oracle.at[e, m])
+                else:
+                    forget_entries(state, e, m)
+        finish(model, state, e, fresh, observations, outcome)

@@ -1,0 +1,231 @@
+"""Many environments side by side: groups of them on threads, each environment by itself.
+
+An environment's numbers depend on its seed and its actions alone: not on the others, the groups or the threads.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camnet.batch import frozen, kalman, learning, oracle
+from camnet.batch.estimator import allocate as allocate_estimator
+from camnet.batch.estimator import build_setup
+from camnet.batch.estimator import reset as reset_estimator
+from camnet.batch.frozen_model import FrozenModel, frozen_state, reset_frozen, tabulate, warm_up
+from camnet.batch.loop import DIVERGED
+from camnet.batch.metrics import episode_of
+from camnet.batch.network import Model, Shown, pack_network
+from camnet.batch.observe import NEIGHBOUR_FIELDS, OWN_FIELDS, TARGET_FIELDS
+from camnet.batch.state import State, allocate, restart
+from camnet.errors import ConfigError, SimulationError
+from camnet.simulation.network import Network
+from camnet.types import Array, IntArray
+
+__all__ = ["FILTERS", "BatchSimulation"]
+
+#: what the agents may know comes from one of these
+FILTERS = ("learned", "frozen", "ekf", "oracle")
+#: environments that one call of the compiled loop takes, at most
+_GROUP = 256
+
+
+class _Estimators(Protocol):
+    """Estimators of one group of environments."""
+
+    def reset(self, state: State, e: int) -> None:
+        """Forget everything about one environment."""
+
+    def decide(self, *arguments: Any) -> None:  # noqa: ANN401 - the compiled driver's
+        """Run environments through one decision."""
+
+
+class _Kalman:
+    def __init__(self, network: Network, model: Model, environments: int) -> None:
+        self.rows = kalman.allocate_kalman(network.scenario.estimator.ekf, environments, network.n_targets)
+        self.decide = kalman.decide
+
+    def reset(self, state: State, e: int) -> None:
+        kalman.reset_kalman(self.rows, e)
+
+
+class _Oracle:
+    def __init__(self, network: Network, model: Model, environments: int) -> None:
+        self.rows = oracle.allocate_oracle(model, environments)
+        self.decide = oracle.decide
+
+    def reset(self, state: State, e: int) -> None:
+        oracle.reset_oracle(self.rows, state, e)
+
+
+class _Learning:
+    def __init__(self, network: Network, model: Model, environments: int, duration_s: float) -> None:
+        s, self._targets = network.scenario, network.n_targets
+        setup = build_setup(
+            s.estimator, network.basis, len(network.regions), s.sensing.rate_hz, network.bounds
+        )
+        rows = allocate_estimator(setup, s.estimator, environments * self._targets, duration_s)
+        self.rows = learning.Learning(setup, rows)
+        self.decide = learning.decide
+
+    def reset(self, state: State, e: int) -> None:
+        for m in range(self._targets):
+            reset_estimator(self.rows.setup, self.rows.rows, e * self._targets + m)
+
+
+class _Frozen:
+    def __init__(
+        self, network: Network, held: FrozenModel, tables: tuple[Array, Array], environments: int
+    ) -> None:
+        self._held = held
+        self.rows = frozen_state(network, held, *tables, environments)
+        self.decide = frozen.decide
+
+    def reset(self, state: State, e: int) -> None:
+        reset_frozen(self.rows, self._held, e)
+
+
+class _Group:
+    """Environments ``first`` to ``first + count``, their state and their estimators."""
+
+    def __init__(self, model: Model, first: int, count: int, estimators: Any) -> None:  # noqa: ANN401
+        self.first, self.count = first, count
+        self.model, self.state, self.estimators = model, allocate(model, count), estimators
+
+
+class BatchSimulation:
+    """E environments of one network.
+
+    Parameters
+    ----------
+    network : the network, the same in all environments
+    shown : how it is shown and rewarded
+    environments : E
+    filter_name : one of `FILTERS`
+    held : the model of ``frozen`` (default: a warm-up, see `camnet.batch.frozen_model.warm_up`)
+    threads : how many threads work (default: as many as there are processors to run on)
+    duration_s : longest episode, s; bounds the memory of the learning estimators
+
+    Raises
+    ------
+    ConfigError
+        The network has something that this back end has not, or a parameter makes no sense.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        shown: Shown,
+        environments: int,
+        filter_name: str = "frozen",
+        held: FrozenModel | None = None,
+        threads: int | None = None,
+        duration_s: float = np.inf,
+    ) -> None:
+        if environments < 1:
+            raise ConfigError(f"environments = {environments}: at least one is needed")
+        if filter_name not in FILTERS:
+            raise ConfigError(f"filter_name = {filter_name!r}: the batch back end has {', '.join(FILTERS)}")
+        self.network, self.environments, self.filter_name = network, environments, filter_name
+        self.model = pack_network(network, shown)
+        self.threads = max(1, threads or len(os.sched_getaffinity(0)))
+        make = self._maker(held, duration_s)
+        size = min(_GROUP, -(-environments // self.threads))
+        self.groups = [
+            _Group(self.model, first, count, make(count))
+            for first in range(0, environments, size)
+            for count in [min(size, environments - first)]
+        ]
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 and len(self.groups) > 1 else None
+        self.observation_size = (
+            OWN_FIELDS + TARGET_FIELDS * network.n_targets + NEIGHBOUR_FIELDS * self.model.neighbours
+        )
+        self.observations = np.zeros(
+            (environments, network.n_agents, self.observation_size), dtype=np.float32
+        )
+        self.outcome = np.zeros((environments, 4))
+
+    def _maker(self, held: FrozenModel | None, duration_s: float) -> Callable[[int], Any]:
+        network, model = self.network, self.model
+        if self.filter_name == "ekf":
+            return lambda count: _Kalman(network, model, count)
+        if self.filter_name == "oracle":
+            return lambda count: _Oracle(network, model, count)
+        if self.filter_name == "learned":
+            return lambda count: _Learning(network, model, count, duration_s)
+        chosen = held if held is not None else warm_up(network)
+        tables = tabulate(chosen, network.bounds)
+        return lambda count: _Frozen(network, chosen, tables, count)
+
+    def reset(self, chosen: IntArray, seeds: Sequence[int]) -> None:
+        """Start the ``chosen`` environments anew, each by its seed, and show what is seen there."""
+        seed_of = dict(zip(chosen.tolist(), seeds, strict=True))
+
+        def start(group: _Group) -> None:
+            rows = chosen[(chosen >= group.first) & (chosen < group.first + group.count)] - group.first
+            if not rows.size:
+                return
+            for e in rows.tolist():
+                restart(group.model, self.network, group.state, e, seed_of[group.first + e])
+                group.estimators.reset(group.state, e)
+            self._decide(group, rows, True, np.zeros((group.count, 0, 5)))
+
+        self._each(start)
+
+    def step(self, actions: NDArray[Any]) -> None:
+        """Run all environments through one decision with ``actions`` (E, N, 5); results are in the arrays.
+
+        Raises
+        ------
+        SimulationError
+            A body's state is not finite or has left the domain; the message names the environment.
+        """
+        flat = np.ascontiguousarray(actions, dtype=np.float64)
+        self._each(lambda g: self._decide(g, np.arange(g.count), False, flat[g.first : g.first + g.count]))
+        if self.outcome[:, DIVERGED].any():
+            e = int(np.argmax(self.outcome[:, DIVERGED]))
+            raise SimulationError(f"environment {e}: an agent diverged (not finite, too fast or too far)")
+
+    def _decide(self, group: _Group, rows: IntArray, fresh: bool, actions: Array) -> None:
+        place = slice(group.first, group.first + group.count)
+        group.estimators.decide(
+            group.model,
+            group.state,
+            group.estimators.rows,
+            rows,
+            fresh,
+            actions,
+            self.observations[place],
+            self.outcome[place],
+        )
+
+    def _each(self, work: Callable[[_Group], None]) -> None:
+        if self._pool is None:
+            for group in self.groups:
+                work(group)
+        else:
+            list(self._pool.map(work, self.groups))
+
+    def gather(self, name: str) -> NDArray[Any]:
+        """One array of `State` over all environments (a copy)."""
+        return np.concatenate([getattr(group.state, name) for group in self.groups])
+
+    def episode(self, e: int) -> dict[str, Any]:
+        """Figures of the episode so far of environment ``e``: those of `RunStatistics.episode`."""
+        group = next(g for g in self.groups if g.first <= e < g.first + g.count)
+        return episode_of(group.state, e - group.first)
+
+    def clock(self, e: int) -> Array:
+        """Counters (4,) of environment ``e``: control periods, decisions, next plan (s), return so far."""
+        group = next(g for g in self.groups if g.first <= e < g.first + g.count)
+        return np.asarray(group.state.clock[e - group.first])
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
