@@ -22,6 +22,7 @@ from camnet.cli import (  # noqa: E402
     reproduce,
     simulate,
     track_video,
+    train,
     worlds,
 )
 from camnet.errors import CamnetError, SimulationError  # noqa: E402
@@ -52,6 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
         certify,
         falsify,
         design,
+        train,
         evaluate,
         worlds,
         report,

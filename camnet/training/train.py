@@ -59,7 +59,7 @@ def train(
         The folder's checkpoint is of another run.
     """
     _fix_threads(settings.threads)
-    worlds = open_worlds(settings, seed)
+    worlds = open_worlds(settings)
     try:
         run = _Run(settings, seed, folder, worlds, progress or (lambda share, words: None))
         return run.go()
