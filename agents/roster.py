@@ -39,6 +39,7 @@ Team = Callable[[Mapping[str, NDArray[np.float32]]], dict[str, Action]]
 _SINGLE: dict[str, Callable[[AgentContext], Policy]] = {
     "learned": Learned,
     "learned_shared": Learned,
+    "adate": Learned,
     "ekf": Learned,
     "oracle": Learned,
     "nearest": Nearest,

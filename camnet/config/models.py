@@ -89,7 +89,7 @@ class RunSettings(Settings):
     decision_hz: Positive = 10.0
     log_hz: Positive = 10.0
     estimators: Annotated[
-        tuple[Literal["learned", "learned_shared", "printed", "ekf", "ukf", "ideal", "oracle"], ...],
+        tuple[Literal["learned", "learned_shared", "printed", "adate", "ekf", "ukf", "ideal", "oracle"], ...],
         Field(min_length=1),
     ] = (
         "learned",

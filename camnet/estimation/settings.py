@@ -8,7 +8,14 @@ from pydantic import Field
 
 from camnet.settings import Fraction, NonNegative, Positive, Settings
 
-__all__ = ["BasisSettings", "EkfSettings", "EstimatorSettings", "GapSettings", "StackSettings"]
+__all__ = [
+    "AdateFilterSettings",
+    "BasisSettings",
+    "EkfSettings",
+    "EstimatorSettings",
+    "GapSettings",
+    "StackSettings",
+]
 
 
 class BasisSettings(Settings):
@@ -83,6 +90,29 @@ class EkfSettings(Settings):
     orientation_noise_rad: Positive = 0.01
 
 
+class AdateFilterSettings(Settings):
+    """Adaptive trajectory estimation as predictor of a target (li2019): the steering model and the smoother's step.
+
+    ``alpha_per_s`` and ``beta_mps2`` are the drag, ``power_density`` and ``steering_density`` the densities to begin
+    with (they are learnt), ``rest_density`` and ``rest_speed_mps`` white acceleration at rest and where it begins.
+    A gap longer than ``restart_s`` ends a track. ``keep`` and ``limit`` are observed and most steps in the window.
+    """
+
+    step_s: Positive = 0.2
+    alpha_per_s: Positive = 0.01
+    beta_mps2: Positive = 0.4
+    power_density: Positive = 1e-3
+    steering_density: Positive = 1e-3
+    rest_density: Positive = 3e-3
+    rest_speed_mps: Positive = 0.02
+    turn_sd_radps: Positive = 0.5
+    position_noise_m: Positive = 0.01
+    process_gain: NonNegative = 0.05
+    restart_s: Positive = 2.0
+    keep: Annotated[int, Field(gt=0)] = 30
+    limit: Annotated[int, Field(gt=0)] = 60
+
+
 class EstimatorSettings(Settings):
     """Update laws (3-6)-(3-12), (4-16)-(4-20): gains ``k1_per_s``, ``k2``, ``kcl``, ``gamma``, mix ``alpha``.
 
@@ -108,3 +138,4 @@ class EstimatorSettings(Settings):
     stack: StackSettings = StackSettings()
     gap: GapSettings = GapSettings()
     ekf: EkfSettings = EkfSettings()
+    adate: AdateFilterSettings = AdateFilterSettings()

@@ -17,6 +17,7 @@ CAMERA_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e
 FILTER_COLOURS = {
     "learned": "#c1121f",
     "learned_shared": "#e76f51",
+    "adate": "#8e44ad",
     "ekf": "#3a5ba0",
     "ukf": "#7fa6d6",
     "ideal": "#2a9d5c",
@@ -26,6 +27,7 @@ FILTER_COLOURS = {
 FILTER_LABELS = {
     "learned": "learned",
     "learned_shared": "learned, shared by all targets",
+    "adate": "AdaTE, power-limited steering",
     "ekf": "EKF, constant velocity",
     "ukf": "UKF, constant velocity",
     "ideal": "ideal predictor",

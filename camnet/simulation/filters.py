@@ -5,6 +5,7 @@
 | `learned` | learning estimator with the remedies of the gap problem |
 | `learned_shared` | the same; all targets' estimators have one memory, so that each learns from all |
 | `printed` | `learned` without the remedies: the predictor as printed in harris2020, (3-7), (4-17) |
+| `adate` | adaptive trajectory estimation with the power-limited steering model (li2019) |
 | `ekf`, `ukf` | constant-velocity extended and unscented Kalman filters |
 | `ideal` | the target's true velocities in place of the network |
 | `oracle` | the truth now and to come |
@@ -30,7 +31,7 @@ from camnet.types import Array, Pose, Twist
 
 __all__ = ["FILTERS", "SHARED", "TargetTruth", "build_filter", "build_filters"]
 
-FILTERS = ("learned", "learned_shared", "printed", "ekf", "ukf", "ideal", "oracle")
+FILTERS = ("learned", "learned_shared", "printed", "adate", "ekf", "ukf", "ideal", "oracle")
 #: filters whose targets learn from each other
 SHARED = ("learned_shared",)
 
@@ -104,6 +105,10 @@ def build_filter(
         return ConstantVelocityEKF(settings.ekf, rate_hz)
     if name == "ukf":
         return ConstantVelocityUKF(settings.ekf, rate_hz)
+    if name == "adate":
+        from camnet.estimation.adate_filter import AdateFilter  # compiled, and needed by this name only
+
+        return AdateFilter(settings.adate, settings.ekf, rate_hz)
     if name == "ideal":
         return IdealPredictor(truth.twist, settings, rate_hz)
     if name == "oracle":

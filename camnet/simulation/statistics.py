@@ -141,7 +141,7 @@ class RunStatistics:
             "control_effort_m2ps": self.effort,
             "least_agent_distance_m": self.least_distance_m if math.isfinite(self.least_distance_m) else None,
             "laps": [t.lap for t in trackers],
-            "dwell_time_violations": sum(m.dwell_violations for m in self.dwell),
+            "dwell_violations": sum(m.dwell_violations for m in self.dwell),
             "certificate_violations": sum(m.violations for m in self.dwell),
             "overdue": sum(m.overdue for m in self.dwell),
         }

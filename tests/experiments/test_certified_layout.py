@@ -7,7 +7,7 @@ import pytest
 
 from camnet.config.load import load_scenario
 from camnet.errors import WorldError
-from camnet.experiments.certified_layout import _coverage, run
+from camnet.experiments.certified_layout import _coverage, run, run_mobile
 from camnet.experiments.kinematic_world import KinematicWorld
 from camnet.simulation.network import build_network
 from camnet.world.protocol import CameraCommand
@@ -44,3 +44,14 @@ def test_no_target_is_lost_and_a_moved_camera_loses_them():
     assert result["falsified"]["violations"] == {"sound": 0, "learned": 0}
     assert result["moved"]["verdict"] == "not certified"
     assert result["moved"]["falsifier"]["lost"] > 0
+
+
+@pytest.mark.slow
+def test_quadrotors_lose_no_target_and_a_moved_region_loses_the_certificate():
+    result = run_mobile(seeds=2)
+    assert result["certified"]["verdict"] == "certified"
+    assert result["runs"]["lost"] == 0
+    assert result["runs"]["violations"] == 0
+    assert result["falsified"]["violations"]["learned"] == 0
+    assert result["falsified"]["closest_fraction"]["learned"] > 0.5
+    assert result["moved"]["verdict"] == "not certified"

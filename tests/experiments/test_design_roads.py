@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+import sys
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -224,3 +228,30 @@ def test_bad_input_is_refused_with_status_2(network, tmp_path, capsys):
     assert main(["falsify", "stationary_loop", "--trials", "0"]) == 2
     assert main(["falsify", "stationary_loop", "--trials", "5", "--quiet"]) == 2
     assert "--learn" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_network_by_sumos_own_generator(capsys, tmp_path):
+    """Streets that no test was written for: the answer is certified, optimal, and found again by the certifier."""
+    generator = shutil.which("netgenerate", path=str(Path(sys.executable).parent)) or shutil.which(
+        "netgenerate"
+    )
+    if generator is None:
+        pytest.skip("netgenerate is part of the eclipse-sumo package")
+    net = tmp_path / "random.net.xml"
+    words = (
+        "--rand --rand.iterations 25 --rand.min-distance 80 --rand.max-distance 220 --rand.bidi-probability 1"
+    )
+    subprocess.run(
+        [generator, *words.split(), "--seed", "11", "-o", str(net)], check=True, capture_output=True
+    )
+    code, found = call(
+        capsys, "design", "--roads", net, "--off-max", 100, "--json", "--quiet", "--out", tmp_path / "out"
+    )
+    assert code == 0
+    assert found["certified"]
+    assert found["count"] == found["lower_bound"]
+    _, report = call(
+        capsys, "certify", "--roads", net, "--cameras", tmp_path / "out" / "cameras.csv", "--off-max", 100, "--json"
+    )  # fmt: skip
+    assert report["certificates"]["sound"]["verdict"] == "certified"

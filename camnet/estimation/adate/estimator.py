@@ -136,6 +136,11 @@ class AdaptiveTrajectoryEstimator:
         t = self._track
         predict_step(t.par, mean, cov, step_s, t.rest, t.power_scale, t.steering_scale)
 
+    def inherit(self, other: AdaptiveTrajectoryEstimator) -> None:
+        """Begin with the densities that another track of the same model has learnt."""
+        self._track.power_scale = other.power_scale
+        self._track.steering_scale = other.steering_scale
+
     # ---------------------------------------------------------------- the update
 
     def update(
