@@ -19,6 +19,7 @@ BENCHMARKS = {
         "camnet.certification.benchmark",
         "certificates of generated cities: growth of the cost with size",
     ),
+    "env": ("camnet.experiments.bench_env", "handoff environment on both back ends, and peers"),
     "estimator": (
         "camnet.experiments.bench_estimator",
         "updates of the learning estimator against plain NumPy",

@@ -1,0 +1,193 @@
+"""Speed of the handoff environment on both back ends, beside bare PyBullet and beside other environments.
+
+All cases run by turns in one process. CPU time is counted, so that other work on the machine disturbs the ratios
+little; for the batch back end, which works on several threads, also wall-clock time. One environment-step is one
+decision of all agents, 0.1 s of simulated time in ``quickstart``. Peers are measured where they are installed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camnet.agents import make_policies
+from camnet.env.batch_handoff import BatchHandoff
+from camnet.env.handoff_v0 import HandoffEnv
+from camnet.world.pybullet.raw import raw_seconds
+
+__all__ = ["follow", "run"]
+
+_WORLD = "quickstart"
+_ROUNDS, _PYBULLET_STEPS = 3, 50
+#: environments and steps of each case of the batch back end: warm-up (estimators learn, targets are found), measured
+_BATCH = {"learning": ("learned", 128, 150, 20), "frozen": ("frozen", 512, 50, 20)}
+_SIZES = (64, 256, 1024)
+
+
+def follow(env: BatchHandoff, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Actions (E, N, 5): stay above the first target's estimate while it is inside, else in the middle; look down."""
+    where = env.layout.slices
+    inside = observations[:, :, where["target_0.inside"]] > 0
+    actions = np.zeros((*observations.shape[:2], 5), dtype=np.float32)
+    actions[:, :, :2] = np.where(inside, observations[:, :, where["target_0.position"]][..., :2], 0.0)
+    actions[:, :, 2] = 0.5
+    return np.clip(actions, -1.0, 1.0)
+
+
+def _batch_seconds(env: BatchHandoff, observations: NDArray[np.float32], steps: int) -> tuple[float, float]:
+    """CPU and wall-clock time of so many steps, without the policy's."""
+    cpu = wall = 0.0
+    for _ in range(steps):
+        actions = follow(env, observations)
+        start = time.process_time(), time.perf_counter()
+        observations = env.step(actions).observations
+        cpu, wall = cpu + time.process_time() - start[0], wall + time.perf_counter() - start[1]
+    return cpu, wall
+
+
+def _open_batch(filter_name: str, environments: int, warm_steps: int, seed: int) -> BatchHandoff:
+    env = BatchHandoff(_WORLD, environments, filter_name=filter_name, max_cycles=3000)
+    observations = env.reset(seed=seed)
+    for _ in range(warm_steps):
+        observations = env.step(follow(env, observations)).observations
+    return env
+
+
+def _pybullet_seconds(env: HandoffEnv, seed: int) -> float:
+    """CPU time of the PyBullet back end, the built-in agents included."""
+    policies = make_policies("learned", env)
+    observations, _ = env.reset(seed=seed)
+    start = time.process_time()
+    for _ in range(_PYBULLET_STEPS):
+        observations, *_ = env.step({name: policies[name](observations[name]) for name in env.agents})
+    return time.process_time() - start
+
+
+def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
+    """Measure.
+
+    Returns
+    -------
+    dict
+        ``backend``: ``pybullet`` with ``env_steps_per_s`` (of one core) and ``raw_limit_fraction`` (time of bare
+        PyBullet for the same body-steps over the time taken), ``batch`` with ``env_steps_per_s`` (wall clock, the
+        held model), ``batch`` (environments), ``threads``, ``frozen`` and ``learning`` apart, and ``scaling``: CPU time
+        of an environment-step against the number of environments. ``peers``: steps/s of one core.
+    """
+    report = progress if progress is not None else _silent
+    pybullet = _measure_pybullet(seed)
+    report(0.3)
+    batch = {name: _measure_batch(*case, seed) for name, case in _BATCH.items()}
+    report(0.7)
+    scaling = [_scaled(environments, seed) for environments in _SIZES]
+    report(0.9)
+    peers = {name: rate for name, measure in _PEERS.items() if (rate := measure(seed)) is not None}
+    report(1.0)
+    main = {key: batch["frozen"][key] for key in ("env_steps_per_s", "batch", "threads")}
+    return {
+        "world": _WORLD,
+        "backend": {"pybullet": pybullet, "batch": {**main, **batch, "scaling": scaling}},
+        "peers": peers,
+    }
+
+
+def _silent(share: float) -> None:
+    """Tell nobody."""
+
+
+def _measure_pybullet(seed: int) -> dict[str, float]:
+    env = HandoffEnv(_WORLD)
+    scenario = env.simulation.network.scenario
+    simulated_s = _PYBULLET_STEPS / scenario.run.decision_hz
+    _pybullet_seconds(env, seed)  # compiled code is loaded
+    rounds = [
+        (
+            raw_seconds(len(scenario.agents), simulated_s, scenario.physics.step_hz),
+            _pybullet_seconds(env, seed + k),
+        )
+        for k in range(_ROUNDS)
+    ]
+    env.close()
+    return {
+        "env_steps_per_s": _PYBULLET_STEPS / statistics.median(spent for _, spent in rounds),
+        "raw_limit_fraction": statistics.median(raw / spent for raw, spent in rounds),
+    }
+
+
+def _measure_batch(
+    filter_name: str, environments: int, warm_steps: int, steps: int, seed: int
+) -> dict[str, Any]:
+    env = _open_batch(filter_name, environments, warm_steps, seed)
+    observations = env.simulation.observations.copy()
+    rounds = [_batch_seconds(env, observations, steps) for _ in range(_ROUNDS)]
+    env.close()
+    total = environments * steps
+    return {
+        "env_steps_per_s": total / statistics.median(wall for _, wall in rounds),
+        "env_steps_per_cpu_s": total / statistics.median(cpu for cpu, _ in rounds),
+        "batch": environments,
+        "threads": env.simulation.threads,
+    }
+
+
+def _scaled(environments: int, seed: int) -> dict[str, float]:
+    env = _open_batch("frozen", environments, 5, seed)
+    cpu, _ = _batch_seconds(env, env.simulation.observations.copy(), 10)
+    env.close()
+    return {"batch": environments, "cpu_us_per_env_step": 1e6 * cpu / (10 * environments)}
+
+
+def _timed(step: Callable[[], None], steps: int) -> float:
+    """Return steps a second of CPU time."""
+    step()
+    start = time.process_time()
+    for _ in range(steps):
+        step()
+    return steps / (time.process_time() - start)
+
+
+def _parallel_env(module: str, seed: int, steps: int) -> float | None:
+    """Return steps a second of a PettingZoo environment under random actions; None where it is not installed."""
+    try:
+        if importlib.util.find_spec(module) is None:
+            return None
+        env: Any = importlib.import_module(module).parallel_env()
+    except ImportError:
+        return None
+    env.reset(seed=seed)
+
+    def step() -> None:
+        if not env.agents:
+            env.reset()
+        env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+
+    rate = _timed(step, steps)
+    env.close()
+    return rate
+
+
+def _velocity_aviary(seed: int) -> float | None:
+    """Return environment-steps a second of four drones of gym-pybullet-drones under velocity commands, 240/48 Hz."""
+    try:
+        module = importlib.import_module("gym_pybullet_drones.envs.VelocityAviary")
+    except ImportError:
+        return None
+    env: Any = module.VelocityAviary(num_drones=4, pyb_freq=240, ctrl_freq=48, gui=False)
+    env.reset(seed=seed)
+    action = np.tile([0.1, 0.0, 0.0, 0.5], (4, 1))
+    rate = _timed(lambda: env.step(action), 200)
+    env.close()
+    return rate
+
+
+_PEERS: dict[str, Callable[[int], float | None]] = {
+    "mpe2.simple_spread": lambda seed: _parallel_env("mpe2.simple_spread_v3", seed, 500),
+    "pettingzoo.pursuit": lambda seed: _parallel_env("pettingzoo.sisl.pursuit_v5", seed, 50),
+    "gym_pybullet_drones.VelocityAviary": _velocity_aviary,
+}

@@ -1,0 +1,208 @@
+"""Parts of the batch back end against what they stand for: NumPy's generator, PyBullet's flight, the array kernels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numba import njit
+
+from camnet.batch import triples
+from camnet.batch.body import camera_of, fly
+from camnet.batch.motion import pack_targets, step_target
+from camnet.batch.random import normal, stream_of, uniform
+from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
+from camnet.control import reference_kernel
+from camnet.control.camera_kernel import camera_motion
+from camnet.control.quadrotor_kernel import pack_model
+from camnet.control.references import RegionBounds
+from camnet.control.sliding_mode_kernel import control_compiled
+from camnet.errors import ConfigError
+from camnet.geometry import rotations
+from camnet.geometry.regions import BoxRegion, CylinderRegion
+from camnet.geometry.settings import Road
+from camnet.motion.factory import build_motion
+from camnet.motion.settings import TargetSettings
+from camnet.motion.track import Track
+from camnet.world.protocol import CameraCommand
+from camnet.world.pybullet.engine import Engine
+from camnet.world.pybullet.flight import Flight, model_from_settings
+from camnet.world.pybullet.shapes import cylinder
+from camnet.world.settings import PhysicsSettings, WindSettings
+
+
+@njit
+def _draw(streams, normals, uniforms):
+    for i in range(len(normals)):
+        normals[i] = normal(streams, 1)
+        uniforms[i] = uniform(streams, 1)
+
+
+def test_streams_draw_what_numpy_draws():
+    rng, n = np.random.default_rng(12), 200_000
+    streams = np.array([stream_of(np.random.default_rng(0)), stream_of(rng)])
+    normals, uniforms = np.empty(n), np.empty(n)
+    _draw(streams, normals, uniforms)
+    drawn = np.array([(rng.standard_normal(), rng.random()) for _ in range(n)])
+    # so many draws go through the tail and through every layer's edge
+    np.testing.assert_allclose(normals, drawn[:, 0], rtol=0, atol=2e-14)
+    np.testing.assert_array_equal(uniforms, drawn[:, 1])
+    np.testing.assert_array_equal(streams[1], stream_of(rng))
+
+
+def test_other_generators_are_refused():
+    with pytest.raises(TypeError, match="MT19937"):
+        stream_of(np.random.Generator(np.random.MT19937(1)))
+
+
+def test_triples_agree_with_rotations():
+    rng = np.random.default_rng(3)
+    for scale in (1e-12, 1e-5, 0.05, 0.19, 0.21, 3.0):
+        x = scale * rng.standard_normal(3)
+        q, v = rotations.normalise(rng.standard_normal(4)), rng.standard_normal(3)
+        np.testing.assert_allclose(triples.turn(*x), rotations.exp(x), atol=2e-16)
+        np.testing.assert_allclose(triples.rotate(tuple(q), tuple(v)), rotations.rotate(q, v), atol=1e-15)
+        np.testing.assert_allclose(
+            triples.rotation_vector(tuple(rotations.exp(x))), rotations.log(rotations.exp(x)), atol=1e-15
+        )
+        np.testing.assert_allclose(
+            triples.multiply(tuple(q), triples.turn(*x)), rotations.multiply(q, rotations.exp(x)), atol=1e-15
+        )
+
+
+@pytest.mark.parametrize("flight_hz", [60, 240])
+def test_flight_is_that_of_pybullet(flight_hz):
+    physics = PhysicsSettings(flight_hz=flight_hz, wind=WindSettings(mean_mps=(0.6, -0.3, 0.1)))
+    substeps, n = 240 // flight_hz, 3
+    engine = Engine(physics, substeps)
+    bodies = [
+        engine.add(
+            f"a{k}", cylinder(0.2, 0.1, np.zeros(3)), (9.0 * k, 0.0, 5.0), np.eye(4)[0], (0, 0, 0, 1), 1.0
+        )
+        for k in range(n)
+    ]
+    flight = Flight(engine, physics, 1 / 60, substeps)
+    yaw = np.array([0.0, 0.7, -2.0])
+    start = np.array([[9.0 * k, 0.0, 5.0] for k in range(n)])
+    flight.reset(bodies, start, yaw, rotations.from_yaw(yaw).reshape(n, 4), np.random.default_rng(0))
+    mine, memory = flight.bodies[None].copy(), flight.memory[None].copy()
+    constants = pack_model(model_from_settings(physics, substeps))
+    offset, cameras, rng = np.array(physics.gimbal.offset_m), np.zeros((1, n, 13)), np.random.default_rng(1)
+    for k in range(180):
+        if k % 20 == 0:  # hard manoeuvres: saturated, turning, tilted
+            u, a, w = rng.uniform(-3, 3, (n, 3)), rng.uniform(-2, 2, (n, 3)), rng.uniform(-1.5, 1.5, (n, 3))
+        flight.step(CameraCommand(u, w, a))
+        for i in range(n):
+            heading = (math.cos(yaw[i]), math.sin(yaw[i]))
+            command = (tuple(u[i]), tuple(a[i]), tuple(w[i]), heading, physics.wind.mean_mps)
+            fly(mine, memory, 0, i, *command, constants, 4 // substeps)
+            camera_of(mine, memory, 0, i, offset, cameras)
+    engine.close()
+    np.testing.assert_allclose(mine[0], flight.bodies, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(memory[0], flight.memory, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(cameras[0], camera_motion(flight.bodies, flight.memory, offset), atol=1e-11)
+
+
+LIMITS = np.array([1.5, 2.0, 2.0, 8.0, 8.0])
+
+
+@pytest.mark.parametrize(
+    "region", [BoxRegion("b", (-1, -2, 0), (1, 2, 3)), CylinderRegion("c", (0.5, 0.0), 1.5, (0.0, 3.0))]
+)
+def test_references_are_those_of_the_array_kernel(region):
+    bounds, margin, dt = RegionBounds.of(region), 0.25, 1 / 60
+    ends, discs = np.array([0, len(bounds.planes)]), bounds.disc[None]
+    rng = np.random.default_rng(4)
+    p, v, a = np.array(region.center, dtype=float), np.zeros(3), np.zeros(3)
+    mine = (tuple(p), tuple(v), tuple(a))
+    for k in range(1500):
+        if k % 40 == 0:  # goals beyond the border as well, so that braking sets in
+            goal = region.center + rng.uniform(-1.4, 1.4, 3)
+        reference_kernel.position_step(
+            p, v, goal, margin, bounds.planes, bounds.disc, bounds.polygon, LIMITS, dt, a
+        )
+        mine = position_step(*mine, tuple(goal), 0, margin, bounds.planes, ends, discs, LIMITS, dt)
+        np.testing.assert_allclose(np.array(mine), [p, v, a], rtol=0, atol=1e-9)
+
+
+def test_gaze_and_command_are_those_of_the_array_kernels():
+    rng, yaw = np.random.default_rng(5), 0.6
+    gaze, rate = np.zeros(2), np.zeros(2)
+    mine = (0.0, 0.0, 0.0, 0.0)
+    gains = np.array([2.0, 0.3, 0.5, 0.12])
+    for k in range(300):
+        if k % 30 == 0:
+            goal = rng.uniform(-1.2, 1.2, 2)
+        reference_kernel.gaze_step(gaze, rate, goal, 1.5, 6.0, 4.0, 1 / 60)
+        mine = gaze_step(mine[:2], mine[2:], tuple(goal), 1.5, 6.0, 4.0, 1 / 60)
+        np.testing.assert_allclose(mine, [*gaze, *rate], rtol=0, atol=1e-12)
+        turning = reference_kernel.gaze_motion(gaze, rate, yaw)
+        circle = [(math.cos(x), math.sin(x)) for x in (yaw, 0.5 * yaw)]
+        q_d, w_d = gaze_motion(*mine, *circle)
+        np.testing.assert_allclose([*q_d, *w_d], turning, rtol=0, atol=1e-12)
+        p, p_d, v_d = rng.standard_normal((3, 3))
+        q = rotations.multiply(turning[:4], rotations.exp(0.5 * rng.standard_normal(3)))
+        for code in range(3):
+            wanted = control_compiled(
+                p[None], q[None], p_d[None], turning[None, :4], v_d[None], turning[None, 4:], gains, code
+            )
+            u, w, e = command_of(tuple(p), tuple(q), tuple(p_d), q_d, tuple(v_d), w_d, gains, code)
+            np.testing.assert_allclose([u, w, e], wanted[:3, 0], rtol=0, atol=1e-11)
+
+
+LOOP = Road(name="loop", points_m=((4, 0), (1, 3), (-3, 2), (-3, -2), (1, -3)), closed=True)
+CROSSING = [
+    Road(name="a", points_m=((0, 0), (8, 0))),
+    Road(name="b", points_m=((8, 0), (8, 8), (0, 8))),
+    Road(name="c", points_m=((8, 0), (16, 0))),
+    Road(name="d", points_m=((0, 8), (0, 0))),
+]
+
+
+def _targets():
+    field = {"kind": "vector_field", "speed_mps": 0.4}
+    track = Track(
+        "t",
+        np.array([0.0, 2.0, 5.0, 6.0]),
+        np.array([[0, 0, 0], [1, 0.4, 0], [1, 2, 0.1], [1.1, 2, 0.1]], float),
+    )
+    turned = Track("t", track.t_s, track.p_world, np.array([0.0, 1.0, 3.0, -3.0]))
+    cases = [
+        ({**field, "field": "loop", "road": "loop"}, [LOOP], None),
+        ({**field, "field": "loop", "road": "loop", "motor_lag_s": 0.3}, [LOOP], None),
+        ({**field, "field": "wave", "scale_m": 3.0}, [], None),
+        ({"kind": "road", "road": "a", "speed_mps": (0.8, 1.4), "lateral_std_m": 0.2}, CROSSING, None),
+        ({"kind": "track", "file": "x.csv", "start_s": 0.5}, [], track),
+        ({"kind": "track", "file": "x.csv"}, [], turned),
+    ]
+    for motion, roads, record in cases:
+        settings = TargetSettings(name="t", motion=motion, v_max_mps=3.0, w_max_radps=2.5)
+        yield build_motion(settings, roads, record)
+
+
+def test_targets_move_as_their_laws_say():
+    motions = list(_targets())
+    laws, n, dt = pack_targets(motions), len(motions), 1 / 60
+    rngs = np.random.default_rng(8).spawn(n)
+    states = [motion.reset(rng) for motion, rng in zip(motions, rngs, strict=True)]
+    rows = [np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body]) for s in states]
+    now, inner = np.array(rows)[None], np.zeros((1, n, 8))
+    for m, s in enumerate(states):
+        inner[0, m, : len(s.internal)] = s.internal
+    streams = np.array([stream_of(rng) for rng in rngs])
+    for k in range(1800):
+        for m in range(n):
+            states[m] = motions[m].step(states[m], k * dt, dt, rngs[m])
+            step_target(laws, m, now, inner, 0, k * dt, dt, streams, m)
+        if k % 300 == 299:
+            rows = [np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body]) for s in states]
+            np.testing.assert_allclose(now[0], rows, rtol=0, atol=1e-9)
+
+
+def test_targets_on_different_roads_are_refused():
+    road = {"kind": "road", "road": "a", "speed_mps": (0.8, 1.4)}
+    settings = TargetSettings(name="t", motion=road, v_max_mps=3.0)
+    motions = [build_motion(settings, roads) for roads in (CROSSING, CROSSING[:1])]
+    with pytest.raises(ConfigError, match="share one road network"):
+        pack_targets(motions)
