@@ -173,6 +173,11 @@ class DwellMonitor:
         return GapCertificate(False, left, margin, self.violations)
 
     @property
+    def excited(self) -> bool:
+        """Whether the target is in view and excitation of the visited places has been reported in this visit."""
+        return self._open is not None and self._open.seen and self._open.d
+
+    @property
     def dwell_violations(self) -> int:
         """Intervals in which the condition of ``sound`` was not met."""
         return sum(i.sound.status == "violated" for i in self.intervals)

@@ -59,9 +59,10 @@ def write_certificate(
         "<h2>Map</h2><p>Green: certified, red: not certified, grey: unsatisfiable. "
         "Hold the pointer over a line or a view for its details.</p>",
         _svg(views, lines),
-        "<h2>Transitions</h2>",
-        table(*certificate_table(report["transitions"][:_MOST_ROWS])),
     ]
+    if report["transitions"]:
+        rows = table(*certificate_table(report["transitions"][:_MOST_ROWS]))
+        body += ["<h2>Transitions</h2>", rows]
     if len(report["transitions"]) > _MOST_ROWS:
         body.append(f"<p>{len(report['transitions'])} transitions in all: see certificate.json.</p>")
     if report.get("assumptions"):
