@@ -10,19 +10,17 @@
 | latency | none | the paper has "significant delay", without a figure |
 | kernels | every 0.3 m along the roads, both headings; covariance 0.1 I3 | published |
 | N, stack | 2000, shared by both estimators | published |
-| schedule | 300 s one robot, then whichever is nearest an intersection | published; then 400 s here |
+| schedule | 300 s one robot, then whichever is nearest an intersection | published; then 300 s here |
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
 from camnet.config.models import Agent, Region, RunSettings, Scenario
 from camnet.control.settings import ControllerSettings
 from camnet.estimation.basis import RbfBasis
-from camnet.estimation.settings import BasisSettings, EstimatorSettings, GapSettings, StackSettings
+from camnet.estimation.settings import EstimatorSettings, GapSettings, StackSettings
 from camnet.geometry.road_graph import RoadGraph
 from camnet.geometry.settings import Box, CameraModel, Intrinsics, Road
 from camnet.motion.settings import RoadTarget, TargetSettings
@@ -54,25 +52,14 @@ ROADS = (
         ),
     ),
 )
-LEARNED = EstimatorSettings(
-    basis=BasisSettings(
-        placement="road",
-        inputs="position_heading",
-        spacing_m=0.3,
-        width_m=math.sqrt(0.1),
-        heading_scale_m=1.0,
-        margin_m=0.3,
-    ),
-    stack=StackSettings(size=2000),
-    gap=GapSettings(max_gap_s=15.0),
-)
+LEARNED = EstimatorSettings(stack=StackSettings(size=2000), gap=GapSettings(prior="road"))
 
 
 class RoadSceneSettings(Settings):
     """The table above, as far as it can be changed."""
 
     follow_one_s: Positive = 300.0
-    policy_s: Positive = 400.0
+    policy_s: Positive = 300.0
     speed_mps: tuple[float, float] = (0.29, 0.31)
     camera_height_m: Positive = 2.6
     position_noise_m: NonNegative = 0.015
