@@ -23,8 +23,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from camnet.batch.compiled import outer
 from camnet.batch.triples import Quaternion, Triple, cosine_and_sine, multiply, rotate, size, turn
 from camnet.types import Array
 
@@ -34,7 +33,7 @@ _Matrix = tuple[Triple, Triple, Triple]
 _FourRotors = tuple[float, float, float, float]
 
 
-@njit(cache=True)
+@outer
 def _matrix(x: float, y: float, z: float, w: float) -> _Matrix:
     """Rows of the rotation matrix of the quaternion x y z w."""
     return (
@@ -44,7 +43,7 @@ def _matrix(x: float, y: float, z: float, w: float) -> _Matrix:
     )
 
 
-@njit(cache=True)
+@outer
 def _out_of(r: _Matrix, v: Triple) -> Triple:
     """``r v``."""
     return (
@@ -54,7 +53,7 @@ def _out_of(r: _Matrix, v: Triple) -> Triple:
     )
 
 
-@njit(cache=True)
+@outer
 def _into(r: _Matrix, v: Triple) -> Triple:
     """``r^T v``."""
     return (
@@ -64,7 +63,7 @@ def _into(r: _Matrix, v: Triple) -> Triple:
     )
 
 
-@njit(cache=True)
+@outer
 def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Array) -> tuple[Triple, Triple]:
     """Commanded acceleration before gravity and drag, and the velocity integral after the step."""
     kv, ki, a_max = c[16], c[17], c[15]
@@ -78,7 +77,7 @@ def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Array)
     return (fx, fy, fz), (integral[0] + gain * ex, integral[1] + gain * ey, integral[2] + gain * ez)
 
 
-@njit(cache=True)
+@outer
 def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Array) -> Triple:
     """Angular velocity of the desired thrust direction, filtered and bounded."""
     decay, fastest, per_s = c[24], c[25], 1.0 / c[0]
@@ -94,7 +93,7 @@ def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Array) -> Triple:
     return x, y, z
 
 
-@njit(cache=True)
+@outer
 def _torque(
     r: _Matrix, axis: Triple, heading: tuple[float, float], w: Triple, rate: Triple, c: Array
 ) -> Triple:
@@ -119,7 +118,7 @@ def _torque(
     )
 
 
-@njit(cache=True)
+@outer
 def _rotor(square: float, speed: float, c: Array) -> tuple[float, float]:
     """Speed of a rotor after a period, asked for the squared speed; and the mean of its square on the way."""
     fastest, substeps = c[8], int(c[26])
@@ -132,7 +131,7 @@ def _rotor(square: float, speed: float, c: Array) -> tuple[float, float]:
     return speed, total / substeps
 
 
-@njit(cache=True)
+@outer
 def _spin(rotors: _FourRotors, thrust: float, tau: Triple, c: Array) -> tuple[_FourRotors, float, Triple]:
     """Allocate, saturate and lag the rotors; their speeds, and the mean thrust and torque they make."""
     arm, k, kq = c[5], c[6], c[7]
@@ -145,29 +144,29 @@ def _spin(rotors: _FourRotors, thrust: float, tau: Triple, c: Array) -> tuple[_F
     return (a, b, d, e), k * (aa + bb + dd + ee), made
 
 
-@njit(cache=True)
+@outer
 def _rigid_step(
-    p: Triple, q: Quaternion, v: Triple, w: Triple, force: Triple, torque: Triple, dt: float, c: Array
+    p: Triple, q: Quaternion, v: Triple, w: Triple, dv: Triple, torque: Triple, dt: float, c: Array
 ) -> tuple[Triple, Quaternion, Triple, Triple]:
-    """One step of the rigid body under a force and a torque in the world frame; see the module's text."""
+    """One step of the rigid body: ``dv`` is what its velocity gains, ``torque`` acts in the world frame."""
     r = _matrix(q[1], q[2], q[3], q[0])
     wb, tau = _into(r, w), _into(r, torque)
-    jx, jy, jz, mass = c[2], c[3], c[4], c[1]
+    jx, jy, jz = c[2], c[3], c[4]
     grown = (
-        (tau[0] - (jz - jy) * wb[1] * wb[2]) / jx,
-        (tau[1] - (jx - jz) * wb[2] * wb[0]) / jy,
-        (tau[2] - (jy - jx) * wb[0] * wb[1]) / jz,
+        dt / jx * (tau[0] - (jz - jy) * wb[1] * wb[2]),
+        dt / jy * (tau[1] - (jx - jz) * wb[2] * wb[0]),
+        dt / jz * (tau[2] - (jy - jx) * wb[0] * wb[1]),
     )
     a = _out_of(r, grown)
-    w = (w[0] + dt * a[0], w[1] + dt * a[1], w[2] + dt * a[2])
-    v = (v[0] + dt * force[0] / mass, v[1] + dt * force[1] / mass, v[2] + dt * (force[2] / mass - c[13]))
+    w = (w[0] + a[0], w[1] + a[1], w[2] + a[2])
+    v = (v[0] + dv[0], v[1] + dv[1], v[2] + dv[2])
     p = (p[0] + dt * v[0], p[1] + dt * v[1], p[2] + dt * v[2])
     q = multiply(turn(dt * w[0], dt * w[1], dt * w[2]), q)
     scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return p, (q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale), v, w
 
 
-@njit(cache=True)
+@outer
 def _joint(angle: float, rate: float, goal: float, c: Array) -> tuple[float, float]:
     """One gimbal joint after a physics step: angle and rate."""
     fastest = c[20]
@@ -176,7 +175,7 @@ def _joint(angle: float, rate: float, goal: float, c: Array) -> tuple[float, flo
     return angle + c[0] / c[26] * rate, rate
 
 
-@njit(cache=True)
+@outer
 def _gimbal_goals(
     yaw: tuple[float, float], pan: tuple[float, float], tilt: tuple[float, float], u: Triple, w: Triple
 ) -> Triple:
@@ -193,14 +192,14 @@ def _gimbal_goals(
     return yaw_rate, c2 * wy - s2 * wz, wx - s1 * yaw_rate
 
 
-@njit(cache=True)
+@outer
 def _turned(angle: tuple[float, float], by: float) -> tuple[float, float]:
     """(cosine, sine) of an angle that grew by a little."""
     c, s = cosine_and_sine(by)
     return angle[0] * c - angle[1] * s, angle[1] * c + angle[0] * s
 
 
-@njit(cache=True)
+@outer
 def _turn_gimbal(
     joints: Triple, rates: Triple, u: Triple, w0: Triple, w1: Triple, c: Array
 ) -> tuple[Triple, Triple]:
@@ -229,7 +228,7 @@ def _turn_gimbal(
     return joints, rates
 
 
-@njit(cache=True)
+@outer
 def fly(
     bodies: Array,
     memory: Array,
@@ -279,15 +278,16 @@ def fly(
         air = _into(r, (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]))
         force = _out_of(r, (-c[10] * air[0], -c[11] * air[1], lift - c[12] * air[2]))
         torque = _out_of(r, tau)
+        dv = (dt / mass * force[0], dt / mass * force[1], dt * (force[2] / mass - gravity))
         for _ in range(substeps):
-            p, q, v, w = _rigid_step(p, q, v, w, force, torque, dt, c)
+            p, q, v, w = _rigid_step(p, q, v, w, dv, torque, dt, c)
         joints, rates = _turn_gimbal(joints, rates, w_cam, wb, rotate((q[0], -q[1], -q[2], -q[3]), w), c)
     _store(bodies, memory, e, n, p, q, v, w, rotors, joints, rates)
     for i in range(3):
         memory[e, n, 10 + i], memory[e, n, 13 + i], memory[e, n, 16 + i] = integral[i], axis[i], rate[i]
 
 
-@njit(cache=True)
+@outer
 def _store(
     bodies: Array,
     memory: Array,
@@ -310,7 +310,7 @@ def _store(
         memory[e, n, i] = rotors[i]
 
 
-@njit(cache=True)
+@outer
 def camera_of(bodies: Array, memory: Array, e: int, n: int, offset: Array, cameras: Array) -> None:
     """Write p, q (scalar first), v (world), w (camera frame) of the agent's camera to its row of ``cameras``.
 

@@ -184,12 +184,13 @@ def _touches_target(model: Model, state: State, e: int, n: int, m: int) -> bool:
     """Whether an agent's cylinder meets a target's box: no axis of theirs, nor the line between, separates them."""
     t, b = state.target, state.bodies
     hx, hy, hz = 0.5 * model.sizes[m, 0], 0.5 * model.sizes[m, 1], 0.5 * model.sizes[m, 2]
-    q: Quaternion = (t[e, m, 3], t[e, m, 4], t[e, m, 5], t[e, m, 6])
-    d = rotate_inverse(q, (b[e, n, 0] - t[e, m, 0], b[e, n, 1] - t[e, m, 1], b[e, n, 2] - t[e, m, 2]))
-    x, y, z = d[0], d[1], d[2] - hz
-    far = math.sqrt(hx * hx + hy * hy + hz * hz) + math.sqrt(model.body[0] ** 2 + 0.25 * model.body[1] ** 2)
-    if x * x + y * y + z * z > far * far:
+    away = (b[e, n, 0] - t[e, m, 0], b[e, n, 1] - t[e, m, 1], b[e, n, 2] - t[e, m, 2])
+    far = hx + hy + 2.0 * hz + model.body[0] + model.body[1]
+    if away[0] * away[0] + away[1] * away[1] + away[2] * away[2] > far * far:
         return False
+    q: Quaternion = (t[e, m, 3], t[e, m, 4], t[e, m, 5], t[e, m, 6])
+    x, y, z = rotate_inverse(q, away)
+    z -= hz
     a = rotate_inverse(q, _axis_of(state, e, n))
     if (
         abs(x) > hx + _half_width(model, a[0])

@@ -22,11 +22,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator_learn import fit_motion
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
 from camnet.batch.network import Model
@@ -376,7 +375,7 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
         path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
 
 
-@njit(cache=True, nogil=True)
+@outer
 def decide(
     model: Model,
     state: State,

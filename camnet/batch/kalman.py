@@ -6,11 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner, outer
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
 from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
@@ -114,7 +113,7 @@ def roll_out(kalman: Kalman, model: Model, state: State, e: int, m: int, path: A
         path[k, 3] = 3.0 * math.sqrt(variance)
 
 
-@njit(cache=True, nogil=True)
+@outer
 def decide(
     model: Model,
     state: State,

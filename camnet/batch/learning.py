@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator import EstimatorSetup, EstimatorState, correct, estimate, predict, rollout
 from camnet.batch.estimator_layout import T
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
@@ -52,7 +51,7 @@ def roll_out(est: Learning, model: Model, state: State, e: int, m: int, wide: Ar
     return float(est.rows.pose[r, T])
 
 
-@njit(cache=True, nogil=True)
+@outer
 def decide(
     model: Model,
     state: State,

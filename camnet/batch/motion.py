@@ -14,13 +14,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner, outer
 from camnet.batch.random import Streams, normal, uniform
 from camnet.errors import ConfigError
-from camnet.motion.curve import ClosedCurve, refine_parameter
-from camnet.motion.fields import LoopField, WaveField, loop_guide_at, wave_guide
+from camnet.motion.curve import ClosedCurve
+from camnet.motion.fields import LEAST_STRETCH, SPEED_WAVES, LoopField, WaveField, wave_guide
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.replay import ReplayMotion
 from camnet.motion.road import RoadMotion
@@ -35,6 +34,8 @@ _CELL_M, _AROUND_M = 0.25, 1.5
 _TWO_PI = 2.0 * math.pi
 #: as in `camnet.motion.road`
 _WANDER_S, _LEASH_STEPS = 10.0, 4
+#: at most so many steps to the nearest point of a loop
+_NEWTON_STEPS = 4
 
 
 class Targets(NamedTuple):
@@ -241,14 +242,65 @@ def _nearest_sample(t: Targets, m: int, x: float, y: float) -> int:
 
 
 @inner
+def _on_curve(
+    t: Targets, first: int, piece: int, u: float
+) -> tuple[float, float, float, float, float, float]:
+    """x, y of a loop and their first and second derivatives by u, in one of its pieces."""
+    k = first + piece
+    h, c = u - t.knots[k], t.pieces
+    ax, bx, cx, dx = c[k, 0, 0], c[k, 0, 1], c[k, 0, 2], c[k, 0, 3]
+    ay, by, cy, dy = c[k, 1, 0], c[k, 1, 1], c[k, 1, 2], c[k, 1, 3]
+    return (
+        ax + h * (bx + h * (cx + h * dx)),
+        ay + h * (by + h * (cy + h * dy)),
+        bx + h * (2.0 * cx + 3.0 * h * dx),
+        by + h * (2.0 * cy + 3.0 * h * dy),
+        2.0 * cx + 6.0 * h * dx,
+        2.0 * cy + 6.0 * h * dy,
+    )
+
+
+@inner
+def _loop(t: Targets, m: int, x: float, y: float) -> tuple[float, float, float, float]:
+    """Return what a loop wants at a point: `LoopField`, with the piece of the curve kept in hand."""
+    first, pieces = t.knot_first[m], t.knot_first[m + 1] - t.knot_first[m] - 1
+    sample = _nearest_sample(t, m, x, y)
+    u, period = t.sample_u[sample], t.knots[first + pieces]
+    piece = (sample - t.sample_first[m]) * pieces // (t.sample_first[m + 1] - t.sample_first[m])
+    px, py, dx, dy, ddx, ddy = _on_curve(t, first, piece, u)
+    for _ in range(_NEWTON_STEPS):
+        slope = dx * dx + dy * dy + (px - x) * ddx + (py - y) * ddy
+        if slope <= 0.0:  # beyond the centre of curvature: the sample is as near as it gets
+            break
+        step = ((px - x) * dx + (py - y) * dy) / slope
+        u -= step
+        if u < 0.0 or u >= period:
+            u -= period * math.floor(u / period)
+        while u < t.knots[first + piece] or u >= t.knots[first + piece + 1]:
+            ahead = u >= t.knots[first + piece + 1] if u - t.knots[first + piece] < 0.5 * period else False
+            piece = (piece + (1 if ahead else pieces - 1)) % pieces
+        px, py, dx, dy, ddx, ddy = _on_curve(t, first, piece, u)
+        if abs(step) < 1e-13:
+            break
+    speed = math.sqrt(dx * dx + dy * dy)
+    tx, ty, kappa = dx / speed, dy / speed, (dx * ddy - dy * ddx) / (speed * speed * speed)
+    g, d = t.shape[m, 0], tx * (y - py) - ty * (x - px)
+    along, across = kappa / max(1.0 - kappa * d, LEAST_STRETCH), -g / (1.0 + (g * d) ** 2)
+    wave = 1.0 + t.shape[m, 2] * math.sin(2.0 * math.pi * SPEED_WAVES * u / period)
+    return (
+        math.atan2(dy, dx) - math.atan(g * d),
+        along * tx - across * ty,
+        along * ty + across * tx,
+        t.shape[m, 1] * wave,
+    )
+
+
+@inner
 def _guide(t: Targets, m: int, x: float, y: float) -> tuple[float, float, float, float]:
     """Direction, its gradient and speed that the target's field wants at a point."""
-    s = t.shape
     if t.kind[m] == _LOOP:
-        knots = t.knots[t.knot_first[m] : t.knot_first[m + 1]]
-        pieces = t.pieces[t.knot_first[m] : t.knot_first[m + 1] - 1]
-        u = refine_parameter(t.sample_u[_nearest_sample(t, m, x, y)], x, y, knots, pieces)
-        return loop_guide_at(u, x, y, knots, pieces, (s[m, 0], s[m, 1], s[m, 2]))
+        return _loop(t, m, x, y)
+    s = t.shape
     return wave_guide((x - s[m, 3]) / s[m, 0], (y - s[m, 4]) / s[m, 0], s[m, 0], s[m, 1], s[m, 2])
 
 
@@ -421,7 +473,7 @@ def _step_track(t: Targets, m: int, now: Array, inner: Array, e: int, t_s: float
     inner[e, m, 0] = theta
 
 
-@njit(cache=True)
+@outer
 def step_target(
     t: Targets, m: int, now: Array, inner: Array, e: int, t_s: float, dt: float, streams: Streams, row: int
 ) -> None:

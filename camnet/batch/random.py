@@ -18,9 +18,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from camnet.batch.compiled import outer
 from camnet.types import Array
 
 __all__ = ["Streams", "normal", "stream_of", "uniform"]
@@ -79,7 +79,7 @@ def stream_of(rng: np.random.Generator) -> Streams:
     return np.array([s >> 64, s & low, c >> 64, c & low], dtype=np.uint64)
 
 
-@njit(cache=True)
+@outer
 def _high_product(a: np.uint64, b: np.uint64) -> np.uint64:
     """Upper 64 bits of the product of two 64-bit numbers."""
     a0, a1, b0, b1 = a & _MASK_32, a >> _32, b & _MASK_32, b >> _32
@@ -88,7 +88,7 @@ def _high_product(a: np.uint64, b: np.uint64) -> np.uint64:
     return a1 * b1 + (left >> _32) + (carry >> _32)
 
 
-@njit(cache=True)
+@outer
 def _next(streams: Streams, row: int) -> np.uint64:
     """64 random bits of one stream (rows, 4), which moves on."""
     high, low = streams[row, 0], streams[row, 1]
@@ -102,13 +102,13 @@ def _next(streams: Streams, row: int) -> np.uint64:
     return (mixed >> turn) | (mixed << ((_64 - turn) & _63))
 
 
-@njit(cache=True)
+@outer
 def uniform(streams: Streams, row: int) -> float:
     """Draw from [0, 1)."""
     return float(_next(streams, row) >> _11) * _TO_UNIT
 
 
-@njit(cache=True)
+@outer
 def _tail(streams: Streams, row: int) -> float:
     """Distance beyond the beginning of the tail."""
     while True:
@@ -118,7 +118,7 @@ def _tail(streams: Streams, row: int) -> float:
             return x
 
 
-@njit(cache=True)
+@outer
 def normal(streams: Streams, row: int) -> float:
     """Draw from the standard normal distribution."""
     while True:

@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from camnet.batch.compiled import outer
 from camnet.batch.triples import Quaternion, Triple, multiply, rotate_inverse, rotation_vector, size
 from camnet.types import Array, IntArray
 
@@ -26,7 +25,7 @@ __all__ = ["command_of", "gaze_motion", "gaze_step", "position_step"]
 _TOLERANCE = 1e-9
 
 
-@njit(cache=True)
+@outer
 def clearance(p: Triple, n: int, planes: Array, ends: IntArray, discs: Array) -> float:
     """Depth of ``p`` inside region ``n``; negative outside."""
     depth = math.inf
@@ -39,28 +38,28 @@ def clearance(p: Triple, n: int, planes: Array, ends: IntArray, discs: Array) ->
     return depth
 
 
-@njit(cache=True)
+@outer
 def _plus(x: Triple, factor: float, y: Triple) -> Triple:
     return x[0] + factor * y[0], x[1] + factor * y[1], x[2] + factor * y[2]
 
 
-@njit(cache=True)
+@outer
 def _times(factor: float, x: Triple) -> Triple:
     return factor * x[0], factor * x[1], factor * x[2]
 
 
-@njit(cache=True)
+@outer
 def _at_most(x: Triple, largest: float) -> Triple:
     length = size(x[0], x[1], x[2])
     return _times(largest / length, x) if length > largest else x
 
 
-@njit(cache=True)
+@outer
 def _approach(a: Triple, goal: Triple, largest_change: float) -> Triple:
     return _plus(a, 1.0, _at_most(_plus(goal, -1.0, a), largest_change))
 
 
-@njit(cache=True)
+@outer
 def _wanted_velocity(p: Triple, goal: Triple, v_max: float, a_max: float, k_p: float) -> Triple:
     """Towards the goal: proportional nearby, with room to brake farther away, at most v_max."""
     away = _plus(goal, -1.0, p)
@@ -72,13 +71,13 @@ def _wanted_velocity(p: Triple, goal: Triple, v_max: float, a_max: float, k_p: f
     return _times(min(speed, v_max) / distance, away)
 
 
-@njit(cache=True)
+@outer
 def _stop(p: Triple, v: Triple, a_max: float) -> Triple:
     """Where full braking along ``v`` ends."""
     return _plus(p, size(v[0], v[1], v[2]) / (2.0 * a_max), v)
 
 
-@njit(cache=True)
+@outer
 def _gentle_stop(p: Triple, v: Triple, a: Triple, a_max: float, j_max: float) -> Triple:
     """Where braking ends about when the jerk is bounded."""
     fade = size(a[0], a[1], a[2]) / j_max
@@ -87,7 +86,7 @@ def _gentle_stop(p: Triple, v: Triple, a: Triple, a_max: float, j_max: float) ->
     return _plus(_stop(p_then, v_then, a_max), 0.5 * a_max / j_max, v_then)
 
 
-@njit(cache=True)
+@outer
 def _within_speed(v: Triple, a: Triple, v_max: float, dt: float) -> Triple:
     """Cut an acceleration that would carry the speed beyond its bound."""
     ahead = _plus(v, dt, a)
@@ -96,7 +95,7 @@ def _within_speed(v: Triple, a: Triple, v_max: float, dt: float) -> Triple:
     return _times(1.0 / dt, _plus(_at_most(ahead, v_max), -1.0, v))
 
 
-@njit(cache=True)
+@outer
 def _wanted(p: Triple, v: Triple, a: Triple, goal: Triple, limits: Array, dt: float) -> Triple:
     """Acceleration towards the goal within the bounds of acceleration, jerk and speed."""
     lacking = _plus(_wanted_velocity(p, goal, limits[0], limits[1], limits[2]), -1.0, v)
@@ -104,14 +103,14 @@ def _wanted(p: Triple, v: Triple, a: Triple, goal: Triple, limits: Array, dt: fl
     return _within_speed(v, _approach(a, push, limits[4] * dt), limits[0], dt)
 
 
-@njit(cache=True)
+@outer
 def _moved(p: Triple, v: Triple, a: Triple, dt: float) -> tuple[Triple, Triple]:
     """Position and velocity after ``dt`` at the acceleration ``a``."""
     v_next = _plus(v, dt, a)
     return _plus(_plus(p, 0.5 * dt, v), 0.5 * dt, v_next), v_next
 
 
-@njit(cache=True)
+@outer
 def position_step(
     p: Triple,
     v: Triple,
@@ -157,7 +156,7 @@ def position_step(
     return _plus(_plus(p, dt, v), 0.5 * dt * dt, brake), _plus(v, dt, brake), brake
 
 
-@njit(cache=True)
+@outer
 def gaze_step(
     gaze: tuple[float, float],
     rate: tuple[float, float],
@@ -187,7 +186,7 @@ def gaze_step(
     )
 
 
-@njit(cache=True)
+@outer
 def gaze_motion(
     pan: float,
     tilt: float,
@@ -217,7 +216,7 @@ def gaze_motion(
     return q, (yaw[0] * wx + yaw[1] * wy, -(yaw[0] * wy - yaw[1] * wx), -wz)
 
 
-@njit(cache=True)
+@outer
 def _switch(e: float, code: int, layer: float) -> float:
     if code == 0:
         return 1.0 if e > 0.0 else (-1.0 if e < 0.0 else 0.0)
@@ -226,7 +225,7 @@ def _switch(e: float, code: int, layer: float) -> float:
     return math.tanh(e / layer)
 
 
-@njit(cache=True)
+@outer
 def command_of(
     p: Triple,
     q: Quaternion,

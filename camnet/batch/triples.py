@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from camnet.batch.compiled import outer
 
 __all__ = [
     "Quaternion",
@@ -28,19 +28,19 @@ Quaternion = tuple[float, float, float, float]
 _SERIES = 0.1
 
 
-@njit(cache=True)
+@outer
 def size(x: float, y: float, z: float) -> float:
     """Length of a vector."""
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@outer
 def cross(a: Triple, b: Triple) -> Triple:
     """Cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True)
+@outer
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product ``a b``."""
     return (
@@ -51,7 +51,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@njit(cache=True)
+@outer
 def rotate(q: Quaternion, v: Triple) -> Triple:
     """``R(q) v``."""
     w, x, y, z = q
@@ -59,13 +59,13 @@ def rotate(q: Quaternion, v: Triple) -> Triple:
     return v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx
 
 
-@njit(cache=True)
+@outer
 def rotate_inverse(q: Quaternion, v: Triple) -> Triple:
     """``R(q)^T v``."""
     return rotate((q[0], -q[1], -q[2], -q[3]), v)
 
 
-@njit(cache=True)
+@outer
 def cosine_and_sine(x: float) -> tuple[float, float]:
     """Cosine and sine; the series where it is exact."""
     if abs(x) > _SERIES:
@@ -75,7 +75,7 @@ def cosine_and_sine(x: float) -> tuple[float, float]:
     return cosine, x * (1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0))))
 
 
-@njit(cache=True)
+@outer
 def turn(x: float, y: float, z: float) -> Quaternion:
     """Quaternion of a rotation vector, rad."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -84,7 +84,7 @@ def turn(x: float, y: float, z: float) -> Quaternion:
     return cosine, scale * x, scale * y, scale * z
 
 
-@njit(cache=True)
+@outer
 def rotation_vector(q: Quaternion) -> Triple:
     """Rotation vector of the shorter turn, rad."""
     sign = -1.0 if q[0] < 0.0 else 1.0

@@ -15,12 +15,12 @@ from numba import njit
 from camnet.motion.curve import ClosedCurve, frame_at, nearest_parameter
 from camnet.types import Array
 
-__all__ = ["Guide", "LoopField", "PlanarField", "WaveField", "loop_guide_at", "wave_guide"]
+__all__ = ["LEAST_STRETCH", "SPEED_WAVES", "Guide", "LoopField", "PlanarField", "WaveField", "wave_guide"]
 
 #: how often the speed rises and falls once around a loop
-_SPEED_WAVES = 2
+SPEED_WAVES = 2
 #: least value of 1 - kappa d: nearer to the centre of curvature the gradient is held
-_LEAST_STRETCH = 0.2
+LEAST_STRETCH = 0.2
 #: the wave's limit cycle lies about this fraction of its scale from the centre, and is this much three-cornered
 _WAVE_RADIUS = 0.6
 _WAVE_CORNERS = 0.5
@@ -106,30 +106,16 @@ def _loop_guide(
     sample_u: Array,
     shape: tuple[float, float, float],
 ) -> tuple[float, float, float, float]:
-    u = nearest_parameter(x, y, knots, coefficients, samples, sample_u)
-    return loop_guide_at(u, x, y, knots, coefficients, shape)
-
-
-@njit(cache=True)
-def loop_guide_at(
-    u: float, x: float, y: float, knots: Array, coefficients: Array, shape: tuple[float, float, float]
-) -> tuple[float, float, float, float]:
-    """Guide of a loop at (x, y), whose nearest point on the curve is at ``u``; shape: attraction, speed, modulation.
-
-    Returns
-    -------
-    tuple of float
-        Direction, its gradient (2) and speed, as in `Guide`.
-    """
     g, speed, modulation = shape
+    u = nearest_parameter(x, y, knots, coefficients, samples, sample_u)
     cx, cy, phi, kappa = frame_at(u, knots, coefficients)
     tx, ty = math.cos(phi), math.sin(phi)
     d = tx * (y - cy) - ty * (x - cx)
     direction = phi - math.atan(g * d)
     # moving by ds along and dn across: d phi = kappa ds / (1 - kappa d), d d = dn
-    along = kappa / max(1.0 - kappa * d, _LEAST_STRETCH)
+    along = kappa / max(1.0 - kappa * d, LEAST_STRETCH)
     across = -g / (1.0 + (g * d) ** 2)
-    wave = 1.0 + modulation * math.sin(2.0 * math.pi * _SPEED_WAVES * u / knots[-1])
+    wave = 1.0 + modulation * math.sin(2.0 * math.pi * SPEED_WAVES * u / knots[-1])
     return direction, along * tx - across * ty, along * ty + across * tx, speed * wave
 
 
