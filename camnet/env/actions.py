@@ -105,17 +105,25 @@ class _Mode:
 
     def _boxed(self, actions: Mapping[str, Any], width: int) -> tuple[Array, BoolArray]:
         """Actions (N, width) clipped to [-1, 1], zero where there is none, and who gave one."""
+        n = len(self._names)
+        if len(actions) == n:
+            rows = [np.asarray(actions[name], dtype=float) for name in self._names]
+            if all(row.shape == (width,) for row in rows) and np.isfinite(flat := np.array(rows)).all():
+                return np.minimum(np.maximum(flat, -1.0), 1.0), np.ones(n, dtype=bool)
         given = np.array([name in actions for name in self._names])
-        flat = np.zeros((len(self._names), width))
+        flat = np.zeros((n, width))
         for j in np.flatnonzero(given).tolist():
-            action = np.asarray(actions[self._names[j]], dtype=float).reshape(-1)
-            if action.shape != (width,) or not np.isfinite(action).all():
-                raise ConfigError(
-                    f"action of {self._names[j]} = {actions[self._names[j]]!r}: {width} finite numbers in [-1, 1] "
-                    "were expected"
-                )
-            flat[j] = action
+            flat[j] = self._checked(self._names[j], actions[self._names[j]], width)
         return np.clip(flat, -1.0, 1.0), given
+
+    @staticmethod
+    def _checked(name: str, action: Any, width: int) -> Array:  # noqa: ANN401 - whatever a user gives
+        values = np.asarray(action, dtype=float).reshape(-1)
+        if values.shape != (width,) or not np.isfinite(values).all():
+            raise ConfigError(
+                f"action of {name} = {action!r}: {width} finite numbers in [-1, 1] were expected"
+            )
+        return np.asarray(values)
 
     def _hold(self, simulation: NetworkSimulation, j: int) -> tuple[Array, Array]:
         """Position and gaze of agent ``j`` at the time it began to hold."""

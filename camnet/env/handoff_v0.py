@@ -14,7 +14,7 @@ for all when bodies collide or a target is lost for too long (if so set), and is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +148,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self.agents = list(self.possible_agents)
         self._cycle = 0
         self._reward = SharedReward(self.settings.reward, self._dt_s)
-        return self._observations(), {name: self._info(name) for name in self.agents}
+        return self._observations(), self._infos(self.agents)
 
     def _start_episode(self, settings: EnvSettings) -> None:
         """Set up messages and failures; both draw from generators of their own."""
@@ -207,7 +207,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
             dict.fromkeys(names, reward),
             {name: terminated or name in failed for name in names},
             {name: truncated and name not in failed for name in names},
-            {name: self._info(name, over, name in failed) for name in names},
+            self._infos(names, over, failed),
         )
 
     def _given(self, actions: dict[str, Action]) -> dict[str, Action]:
@@ -219,6 +219,8 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
 
     def _fail(self) -> set[str]:
         """Let agents fail; return the names of those that failed in this decision."""
+        if not self._failures.possible:
+            return set()
         alive = self._failures.draw(self.simulation.snapshot.t_s)
         self.simulation.working[: len(alive)] = alive
         return {name for j, name in enumerate(self.possible_agents) if not alive[j] and name in self.agents}
@@ -256,17 +258,22 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
             return {name: self.observer.layout.named(row) for name, row in live if name in self.agents}
         return {name: row for name, row in live if name in self.agents}
 
-    def _info(self, name: str, last: bool = False, failed: bool = False) -> dict[str, Any]:
+    def _infos(
+        self, names: Sequence[str], last: bool = False, failed: Set[str] = frozenset()
+    ) -> dict[str, dict[str, Any]]:
+        """Certificates at every step, masks in mode ``assign``, who has failed, the figures of a whole episode."""
         simulation = self.simulation
-        info: dict[str, Any] = {"certificate": simulation.statistics.certificate(simulation.snapshot.t_s)}
-        mask = self._mode.mask(self._beliefs, self.possible_agents.index(name))
-        if mask is not None:
-            info["action_mask"] = mask
-        if failed:
-            info["failed"] = True
+        common: dict[str, Any] = {"certificate": simulation.statistics.certificate(simulation.snapshot.t_s)}
         if last:
-            info["episode"] = self.simulation.statistics.episode(self.simulation)
-        return info
+            common["episode"] = simulation.statistics.episode(simulation)
+        infos = {name: dict(common) for name in names}
+        for name in failed:
+            infos[name]["failed"] = True
+        if self.settings.action_mode == "assign":
+            for j, name in enumerate(self.possible_agents):
+                if name in infos:
+                    infos[name]["action_mask"] = self._mode.mask(self._beliefs, j)
+        return infos
 
     def state(self) -> NDArray[np.float32]:
         """Return the true state of the network, for centralised critics; see `camnet.env.state`."""
