@@ -177,6 +177,11 @@ class DwellMonitor:
         """Whether the target is in view and excitation of the visited places has been reported in this visit."""
         return self._open is not None and self._open.seen and self._open.d
 
+    def visit_start_s(self, region: int) -> float | None:
+        """Return when the present visit to a region began, s; None if the target was not seen there just now."""
+        current = self._open
+        return current.start_s if current is not None and current.seen and current.region == region else None
+
     @property
     def dwell_violations(self) -> int:
         """Intervals in which the condition of ``sound`` was not met."""

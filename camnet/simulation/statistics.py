@@ -78,7 +78,12 @@ class RunStatistics:
                 records[m].add(lap, seen, simulation.filters[name][m].estimate, p_world, q_world)
             error_m = self.errors[simulation.filter_names[0]][m].latest_m
             region = camera if seen else int(simulation.target_region[m])
-            held, fully = _excited(simulation.driving[m], camera, network.scenario.estimator.weight_bound)
+            since_s = self.dwell[m].visit_start_s(region)
+            known = since_s is not None and self.dwell[m].excited
+            bound = math.inf if known else network.scenario.estimator.weight_bound
+            held, fully = _excited(
+                simulation.driving[m], camera, bound, truth.t_s if since_s is None else since_s
+            )
             self.dwell[m].update(truth.t_s, region, seen, held, error_m, fully)
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
@@ -151,18 +156,20 @@ class RunStatistics:
         return {name: ErrorRecord.pooled(self.errors[name]).summary() for name in simulation.filter_names[1:]}
 
 
-def _excited(driving: TargetFilter, camera: int, weight_bound: float) -> tuple[bool, bool]:
+def _excited(driving: TargetFilter, camera: int, weight_bound: float, visit_s: float) -> tuple[bool, bool]:
     """Whether the excited cases of ``sound`` and of ``published`` are open in the region of ``camera``.
 
     Assumption 4.7 asks for a stack of full rank. Excitation of the visited places is enough for ``sound``, whose
-    constants count the rest of the weights as a disturbance; the projection must be at rest for that.
+    constants count the rest of the weights as a disturbance; the projection must be at rest for that. It counts from
+    the visit after it was found on: within one visit the target may come to places that are still news. An infinite
+    ``weight_bound`` says that the projection was found at rest in this visit already; ``visit_s`` is when it began.
     """
     if camera < 0 or not isinstance(driving, LearningEstimator):
         return False, False
     model = driving.model(camera)
-    if not math.isfinite(model.excited_s()):
+    fully = math.isfinite(min(model.integral.excited_s, model.instantaneous.excited_s))
+    if not (fully or model.visited.since_s < visit_s):
         return False, False
-    fully = min(model.integral.excited_s, model.instantaneous.excited_s)
     outputs = 6 if model.form == "twist" else 7
-    at_rest = float(np.linalg.norm(model.weights[:, :outputs])) <= weight_bound
-    return at_rest, math.isfinite(fully)
+    at_rest = math.isinf(weight_bound) or float(np.linalg.norm(model.weights[:, :outputs])) <= weight_bound
+    return at_rest, fully
