@@ -107,7 +107,8 @@ def run(args: argparse.Namespace) -> int:
         "learned",
         {
             "verdict": "not certified",
-            "reason": "no motion model was given: add --learn, --model or --model-error",
+            "reason": "no motion model was given: add "
+            + ("--model-error" if args.config is None else "--learn, --model or --model-error"),
         },
     )
     for words in content.get("warnings", []):
