@@ -2,8 +2,8 @@
 
 The smoother takes one step every ``step_s``; the measurements of a step are carried to its end along the present
 velocity and averaged. Between its steps, and over gaps, its state is carried by the model (cubature rule), with a
-Kalman update for each measurement of the step under way. After a gap longer than ``restart_s`` a new track begins, with the
-densities learnt so far: nothing in the old window says anything about the new one.
+Kalman update for each measurement of the step under way. After a gap longer than ``restart_s`` a new track begins, with
+the densities learnt so far: nothing in the old window says anything about the new one.
 
 | symbol | name | shape | unit |
 | --- | --- | --- | --- |

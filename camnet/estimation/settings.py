@@ -102,7 +102,7 @@ class AdateFilterSettings(Settings):
     alpha_per_s: Positive = 0.01
     beta_mps2: Positive = 0.4
     power_density: Positive = 1e-3
-    steering_density: Positive = 1e-3
+    steering_density: Positive = 1e-4
     rest_density: Positive = 3e-3
     rest_speed_mps: Positive = 0.02
     turn_sd_radps: Positive = 0.5
