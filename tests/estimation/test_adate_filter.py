@@ -100,7 +100,7 @@ def test_orientation_turns_with_the_path_over_a_gap(adate):
 
 def test_the_radius_follows_what_the_re_sightings_showed(adate):
     factors = []
-    for shift in (0.0, 12.0):  # the second time it comes back where nobody expected it
+    for shift in (0.0, 40.0):  # the second time it comes back where nobody expected it
         if shift == 0.0:
             follow(adate, 10.0)
         rng = np.random.default_rng(1)
