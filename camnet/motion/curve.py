@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 
 from camnet.types import Array
 
-__all__ = ["ClosedCurve", "frame_at", "nearest_parameter"]
+__all__ = ["ClosedCurve", "frame_at", "nearest_parameter", "refine_parameter"]
 
 _SAMPLES_PER_PIECE = 24
 _NEWTON_STEPS = 4
@@ -97,14 +97,20 @@ def _derivatives(
 def nearest_parameter(
     x: float, y: float, knots: Array, coefficients: Array, samples: Array, sample_u: Array
 ) -> float:
-    """Parameter u of the nearest point of the curve: the nearest sample, then Newton on ``(c - p) . c' = 0``."""
+    """Parameter u of the nearest point of the curve: the nearest sample, then `refine_parameter`."""
     best, least = 0, np.inf
     for k in range(samples.shape[0]):
         dx, dy = samples[k, 0] - x, samples[k, 1] - y
         square = dx * dx + dy * dy
         if square < least:
             best, least = k, square
-    u, period = float(sample_u[best]), float(knots[-1])
+    return refine_parameter(float(sample_u[best]), x, y, knots, coefficients)
+
+
+@njit(cache=True)
+def refine_parameter(u: float, x: float, y: float, knots: Array, coefficients: Array) -> float:
+    """Parameter of the nearest point of the curve, from one nearby: Newton on ``(c - p) . c' = 0``."""
+    period = float(knots[-1])
     for _ in range(_NEWTON_STEPS):
         cx, cy, dx, dy, ddx, ddy = _derivatives(u, knots, coefficients)
         slope = dx * dx + dy * dy + (cx - x) * ddx + (cy - y) * ddy

@@ -15,7 +15,16 @@ from numba import njit
 from camnet.motion.curve import ClosedCurve, frame_at, nearest_parameter
 from camnet.types import Array
 
-__all__ = ["LEAST_STRETCH", "SPEED_WAVES", "Guide", "LoopField", "PlanarField", "WaveField", "wave_guide"]
+__all__ = [
+    "LEAST_STRETCH",
+    "SPEED_WAVES",
+    "Guide",
+    "LoopField",
+    "PlanarField",
+    "WaveField",
+    "loop_guide_at",
+    "wave_guide",
+]
 
 #: how often the speed rises and falls once around a loop
 SPEED_WAVES = 2
@@ -106,8 +115,22 @@ def _loop_guide(
     sample_u: Array,
     shape: tuple[float, float, float],
 ) -> tuple[float, float, float, float]:
-    g, speed, modulation = shape
     u = nearest_parameter(x, y, knots, coefficients, samples, sample_u)
+    return loop_guide_at(u, x, y, knots, coefficients, shape)
+
+
+@njit(cache=True)
+def loop_guide_at(
+    u: float, x: float, y: float, knots: Array, coefficients: Array, shape: tuple[float, float, float]
+) -> tuple[float, float, float, float]:
+    """Guide of a loop at (x, y), whose nearest point on the curve is at ``u``; shape: attraction, speed, modulation.
+
+    Returns
+    -------
+    tuple of float
+        Direction, its gradient (2) and speed, as in `Guide`.
+    """
+    g, speed, modulation = shape
     cx, cy, phi, kappa = frame_at(u, knots, coefficients)
     tx, ty = math.cos(phi), math.sin(phi)
     d = tx * (y - cy) - ty * (x - cx)
