@@ -22,6 +22,7 @@ __all__ = [
     "LoopField",
     "PlanarField",
     "WaveField",
+    "loop_guide",
     "loop_guide_at",
     "wave_guide",
 ]
@@ -72,7 +73,7 @@ class LoopField:
         """Return what the field wants at (x, y), m."""
         c = self.curve
         shape = (self.attraction_per_m, self.speed_mps, self.modulation)
-        return Guide(*_loop_guide(x, y, c.knots, c.coefficients, c.samples, c.sample_u, shape))
+        return Guide(*loop_guide(x, y, c.knots, c.coefficients, c.samples, c.sample_u, shape))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,7 @@ class WaveField:
 
 
 @njit(cache=True)
-def _loop_guide(
+def loop_guide(
     x: float,
     y: float,
     knots: Array,
@@ -115,6 +116,7 @@ def _loop_guide(
     sample_u: Array,
     shape: tuple[float, float, float],
 ) -> tuple[float, float, float, float]:
+    """Guide of a loop at (x, y); shape: attraction, speed, modulation."""
     u = nearest_parameter(x, y, knots, coefficients, samples, sample_u)
     return loop_guide_at(u, x, y, knots, coefficients, shape)
 
