@@ -5,6 +5,8 @@ What predicts is chosen with the environment (``filter_name="learned"``, ``"ekf"
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,23 @@ from camnet.types import Array, TargetEstimate
 
 __all__ = ["Learned"]
 
-_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+_UPRIGHT, _STILL = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+
+
+#: first places of the fields of one target that the rule reads, in the layout's names
+_FIELDS = (
+    "seen_by_me",
+    "seen",
+    "inside",
+    "radius",
+    "coming",
+    "entry_radius",
+    "entry_time",
+    "position",
+    "velocity",
+    "entry_position",
+    "entry_velocity",
+)
 
 
 class Learned:
@@ -27,58 +45,65 @@ class Learned:
 
     def __init__(self, context: AgentContext) -> None:
         self._context = context
+        slices = context.layout.slices
+        self._first = [
+            {name: slices[f"target_{m}.{name}"].start for name in _FIELDS}
+            for m in range(context.layout.n_targets)
+        ]
+        self._rest = loiter(context.region, context.camera, context.controller)
 
-    def __call__(self, observation: NDArray[np.float32]) -> Action:
+    def __call__(self, observation: NDArray[np.float32] | Mapping[str, NDArray[np.float32]]) -> Action:
         """Return the action for an observation."""
         context = self._context
-        values = context.layout.decode(observation)
-        targets = [self._part(values, m) for m in range(context.layout.n_targets)]
-        return context.action(self._setpoint(targets, context.world(values["own.position"])))
+        if isinstance(observation, Mapping):
+            observation = np.concatenate([observation[name] for name in context.layout.slices])
+        values = np.asarray(observation, dtype=float)
+        return context.action(self._setpoint(values, values.tolist(), context.world(values[:3])))
 
-    @staticmethod
-    def _part(values: dict[str, Array], m: int) -> dict[str, Array]:
-        prefix = f"target_{m}."
-        return {name[len(prefix) :]: value for name, value in values.items() if name.startswith(prefix)}
-
-    def _setpoint(self, targets: list[dict[str, Array]], own_p: Array) -> Setpoint:
+    def _setpoint(self, array: Array, values: list[float], own_p: Array) -> Setpoint:
+        """Setpoint of an observation, given as an array and as a list: single numbers are read faster from that."""
         context = self._context
-        inside = [
-            (m, t)
-            for m, t in enumerate(targets)
-            if t["seen_by_me"][0] or (t["inside"][0] and t["radius"][0] <= 1)
+        present = [
+            (1.0 - values[t["seen_by_me"]], values[t["radius"]], m)
+            for m, t in enumerate(self._first)
+            if values[t["seen_by_me"]] or (values[t["inside"]] and values[t["radius"]] <= 1)
         ]
-        if inside:
-            m, best = min(inside, key=lambda item: (1 - item[1]["seen_by_me"][0], item[1]["radius"][0]))
-            return track(self._estimate(m, best), context.region, context.camera, context.controller, own_p)
-        coming = [(m, t) for m, t in enumerate(targets) if t["coming"][0] and t["entry_radius"][0] <= 1]
+        if present:
+            estimate = self._estimate(array, values, min(present)[2])
+            return track(estimate, context.region, context.camera, context.controller, own_p)
+        coming = [
+            (-values[t["coming"]], values[t["entry_time"]], m)
+            for m, t in enumerate(self._first)
+            if values[t["coming"]] and values[t["entry_radius"]] <= 1
+        ]
         if coming:
-            m, best = min(coming, key=lambda item: (-item[1]["coming"][0], item[1]["entry_time"][0]))
-            return self._meet(m, best, own_p)
-        goal = loiter(context.region, context.camera, context.controller)
-        return at_ease(goal, own_p, context.controller)
+            return self._meet(array, values, min(coming)[2], own_p)
+        return at_ease(self._rest, own_p, context.controller)
 
-    def _estimate(self, m: int, target: dict[str, Array]) -> TargetEstimate:
-        context = self._context
+    def _estimate(self, array: Array, values: list[float], m: int) -> TargetEstimate:
+        context, first = self._context, self._first[m]
+        p, v = first["position"], first["velocity"]
         return TargetEstimate(
             t_s=0.0,
-            p_world=context.world(target["position"]),
+            p_world=context.world(array[p : p + 3]),
             q_world=_UPRIGHT,
-            v_world=target["velocity"] * context.speeds[m],
-            w_body=np.zeros(3),
-            seen=bool(target["seen"][0]),
+            v_world=array[v : v + 3] * context.speeds[m],
+            w_body=_STILL,
+            seen=bool(values[first["seen"]]),
             last_seen_s=0.0,
             region=0,
-            radius_m=float(target["radius"][0]) * float(context.half_size[:2].min()),
+            radius_m=values[first["radius"]] * context.width_m,
         )
 
-    def _meet(self, m: int, target: dict[str, Array], own_p: Array) -> Setpoint:
-        context = self._context
+    def _meet(self, array: Array, values: list[float], m: int, own_p: Array) -> Setpoint:
+        context, first = self._context, self._first[m]
+        p, v = first["entry_position"], first["entry_velocity"]
         goal = intercept(
-            context.world(target["entry_position"]),
-            target["entry_velocity"] * context.speeds[m],
-            float(target["entry_radius"][0]) * float(context.half_size[:2].min()),
+            context.world(array[p : p + 3]),
+            array[v : v + 3] * context.speeds[m],
+            values[first["entry_radius"]] * context.width_m,
             context.region,
             context.camera,
             context.controller,
         )
-        return at_ease(goal, own_p, context.controller, float(target["entry_time"][0]) * context.lookahead_s)
+        return at_ease(goal, own_p, context.controller, values[first["entry_time"]] * context.lookahead_s)

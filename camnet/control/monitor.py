@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camnet.control.monitor_kernel import run_periods
+from camnet.control.monitor_kernel import record_period, run_periods
 from camnet.control.settings import ControllerSettings
 from camnet.control.sliding_mode import CameraControl, switching_loss
 from camnet.types import Array, Snapshot
@@ -72,6 +72,7 @@ class DisturbanceMonitor:
         self._dt = np.empty(_CHUNK)
         self._truth, self._reference = np.empty((_CHUNK, n_agents, 14)), np.empty((_CHUNK, n_agents, 13))
         self._command, self._error = np.empty((_CHUNK, n_agents, 6)), np.empty((_CHUNK, n_agents, 6))
+        self._buffers = (self._truth, self._command, self._error, self._reference)
 
     def update(self, before: Snapshot, after: Snapshot, control: CameraControl) -> None:
         """Take one control period: the truth at its two ends and the command between them.
@@ -81,14 +82,24 @@ class DisturbanceMonitor:
         n, k = self._n, self._count
         if n == 0:
             return
-        truth, reference, now = self._truth[k], self._reference[k], control.reference
         self._dt[k] = after.t_s - before.t_s
-        truth[:, :3], truth[:, 3:7] = before.camera_p_world[:n], before.camera_q_world[:n]
-        truth[:, 7:10], truth[:, 10:] = after.camera_p_world[:n], after.camera_q_world[:n]
-        self._command[k, :, :3], self._command[k, :, 3:] = control.v_world, control.w_cam
-        self._error[k, :, :3], self._error[k, :, 3:] = control.e_linear, control.e_angular
-        reference[:, :3], reference[:, 3:7] = now.p_world, now.q_world
-        reference[:, 7:10], reference[:, 10:] = now.v_world, now.w_cam
+        r = control.reference
+        record_period(
+            k,
+            *self._buffers,
+            before.camera_p_world,
+            before.camera_q_world,
+            after.camera_p_world,
+            after.camera_q_world,
+            control.v_world,
+            control.w_cam,
+            control.e_linear,
+            control.e_angular,
+            r.p_world,
+            r.q_world,
+            r.v_world,
+            r.w_cam,
+        )
         self._count += 1
         if self._count == _CHUNK:
             self._judge()

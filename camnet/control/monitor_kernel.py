@@ -13,7 +13,14 @@ from numba import njit
 from camnet.geometry.rotations_compiled import conjugate, log, multiply, rotate
 from camnet.types import Array
 
-__all__ = ["advance_envelopes", "realised_disturbance", "row_norms", "run_periods", "without_slip"]
+__all__ = [
+    "advance_envelopes",
+    "realised_disturbance",
+    "record_period",
+    "row_norms",
+    "run_periods",
+    "without_slip",
+]
 
 
 @njit(cache=True)
@@ -88,6 +95,39 @@ def row_norms(v: Array) -> Array:
     for i in range(v.shape[0]):
         out[i] = _norm(v[i, 0], v[i, 1], v[i, 2])
     return out
+
+
+@njit(cache=True)
+def record_period(
+    k: int,
+    truth: Array,
+    command: Array,
+    error: Array,
+    reference: Array,
+    before_p: Array,
+    before_q: Array,
+    after_p: Array,
+    after_q: Array,
+    u_l: Array,
+    u_a: Array,
+    e_l: Array,
+    e_a: Array,
+    p_d: Array,
+    q_d: Array,
+    v_d: Array,
+    w_d: Array,
+) -> None:
+    """Put period ``k`` into the arrays that `run_periods` judges."""
+    for n in range(truth.shape[1]):
+        for i in range(3):
+            truth[k, n, i], truth[k, n, 7 + i] = before_p[n, i], after_p[n, i]
+            command[k, n, i], command[k, n, 3 + i] = u_l[n, i], u_a[n, i]
+            error[k, n, i], error[k, n, 3 + i] = e_l[n, i], e_a[n, i]
+            reference[k, n, i], reference[k, n, 7 + i] = p_d[n, i], v_d[n, i]
+            reference[k, n, 10 + i] = w_d[n, i]
+        for i in range(4):
+            truth[k, n, 3 + i], truth[k, n, 10 + i] = before_q[n, i], after_q[n, i]
+            reference[k, n, 3 + i] = q_d[n, i]
 
 
 @njit(cache=True)

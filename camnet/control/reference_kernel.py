@@ -23,7 +23,16 @@ from numba import njit
 from camnet.geometry.polygon import signed_distance
 from camnet.types import Array, IntArray
 
-__all__ = ["clearance", "gaze_motion", "gaze_step", "position_step", "segment_inside", "step_all", "turn_all"]
+__all__ = [
+    "clearance",
+    "gaze_motion",
+    "gaze_step",
+    "position_step",
+    "same",
+    "segment_inside",
+    "step_all",
+    "turn_all",
+]
 
 _TOLERANCE = 1e-9
 
@@ -279,27 +288,40 @@ def step_all(
     limits: Array,
     gaze_limits: Array,
     dt: float,
+    yaw: Array,
 ) -> Array:
-    """Step all references: ``motion`` (N,13) is p, v, a (3 each), gaze, gaze rate (2 each).
+    """Step all references: rows (N,20) are p, v, a (3 each), gaze, gaze rate (2 each), then q (4), w (3) of the gaze.
 
     ``goals`` (N,3), ``looks`` (N,2); the half-spaces and polygon corners of agent n are the rows between
-    ``plane_ends[n]`` and ``plane_ends[n + 1]``, and so on.
+    ``plane_ends[n]`` and ``plane_ends[n + 1]``, and so on. ``gaze_limits`` is rate, acceleration, gain, largest angle.
     """
     out = motion.copy()
+    look = np.empty(2)
     for n in range(motion.shape[0]):
         row = out[n]
         own_planes = planes[plane_ends[n] : plane_ends[n + 1]]
         own_polygon = polygons[polygon_ends[n] : polygon_ends[n + 1]]
         p, v, a = row[0:3], row[3:6], row[6:9]
         position_step(p, v, goals[n], margin, own_planes, discs[n], own_polygon, limits, dt, a)
-        gaze_step(row[9:11], row[11:13], looks[n], gaze_limits[0], gaze_limits[1], gaze_limits[2], dt)
+        for i in range(2):
+            look[i] = min(max(looks[n, i], -gaze_limits[3]), gaze_limits[3])
+        gaze_step(row[9:11], row[11:13], look, gaze_limits[0], gaze_limits[1], gaze_limits[2], dt)
+    turn_all(out, yaw)
     return out
 
 
 @njit(cache=True)
-def turn_all(gaze: Array, rate: Array, yaw: Array) -> Array:
-    """`gaze_motion` of all agents, (N,7)."""
-    out = np.empty((gaze.shape[0], 7))
-    for n in range(gaze.shape[0]):
-        out[n] = gaze_motion(gaze[n], rate[n], yaw[n])
-    return out
+def turn_all(motion: Array, yaw: Array) -> None:
+    """Fill in orientation and angular velocity of all rows (N,20) by `gaze_motion`."""
+    for n in range(motion.shape[0]):
+        motion[n, 13:20] = gaze_motion(motion[n, 9:11], motion[n, 11:13], yaw[n])
+
+
+@njit(cache=True)
+def same(a: Array, b: Array) -> bool:
+    """Whether two arrays (N,3) hold the same numbers."""
+    for n in range(a.shape[0]):
+        for i in range(3):
+            if a[n, i] != b[n, i]:
+                return False
+    return True

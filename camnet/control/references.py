@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from camnet.control.paths import Paths
-from camnet.control.reference_kernel import step_all, turn_all
+from camnet.control.reference_kernel import same, step_all, turn_all
 from camnet.control.settings import ControllerSettings
 from camnet.control.sliding_mode import Reference
 from camnet.errors import ConfigError
@@ -43,13 +43,34 @@ class Detour(Protocol):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ReferenceState:
-    """``p_world``, ``v_world``, ``a_world`` (N,3) of the references; ``gaze``, ``gaze_rate`` (N,2): pan and tilt."""
+    """State of N references: ``rows`` (N,20) of `camnet.control.reference_kernel.step_all`, and its parts by name."""
 
-    p_world: Array
-    v_world: Array
-    gaze: Array
-    gaze_rate: Array
-    a_world: Array
+    rows: Array
+
+    @property
+    def p_world(self) -> Array:
+        """Positions (N,3), m."""
+        return self.rows[:, 0:3]
+
+    @property
+    def v_world(self) -> Array:
+        """Velocities (N,3), m/s."""
+        return self.rows[:, 3:6]
+
+    @property
+    def a_world(self) -> Array:
+        """Accelerations (N,3), m/s^2."""
+        return self.rows[:, 6:9]
+
+    @property
+    def gaze(self) -> Array:
+        """Pan and tilt (N,2), rad."""
+        return self.rows[:, 9:11]
+
+    @property
+    def gaze_rate(self) -> Array:
+        """Rates of pan and tilt (N,2), rad/s."""
+        return self.rows[:, 11:13]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,9 +150,9 @@ class ReferenceGenerator:
             [s.reference_v_max_mps, s.reference_a_max_mps2, *gains, s.reference_jerk_max_mps3]
         )
         self._gaze_limits = np.array(
-            [s.reference_w_max_radps, s.reference_w_acceleration_radps2, s.gaze_gain_per_s]
+            [s.reference_w_max_radps, s.reference_w_acceleration_radps2, s.gaze_gain_per_s, s.gaze_max_rad]
         )
-        self._gaze_max = s.gaze_max_rad
+        self._bounds = (*self._planes, self._discs, *self._polygons, self._margin)
         self._dt = dt_s
         self._asked = np.full((len(self._regions), 3), np.nan)
         self._goals = np.zeros((len(self._regions), 3))
@@ -142,14 +163,15 @@ class ReferenceGenerator:
         self._asked = np.full((n, 3), np.nan)
         for detour in self._detours.values():
             detour.reset()
-        look = np.zeros((n, 2)) if gaze is None else np.array(gaze, dtype=float)
-        return ReferenceState(
-            np.array(p_world, dtype=float), np.zeros((n, 3)), look, np.zeros((n, 2)), np.zeros((n, 3))
-        )
+        rows = np.zeros((n, 20))
+        rows[:, :3] = p_world
+        rows[:, 9:11] = 0.0 if gaze is None else gaze
+        turn_all(rows, self._yaw)
+        return ReferenceState(rows)
 
     def _aim(self, setpoints: Array, p: Array) -> Array:
         """Nearest admissible points to the setpoints; around reflex corners the next corner on the way."""
-        if not np.array_equal(self._asked, setpoints):
+        if not same(self._asked, setpoints):
             self._asked = setpoints.copy()
             for i, region in enumerate(self._regions):
                 near = setpoints[i] if region is None else region.project(setpoints[i], self._margin)
@@ -160,23 +182,27 @@ class ReferenceGenerator:
             return self._goals
         goals = self._goals.copy()
         for i, paths in self._paths.items():
-            goals[i] = paths.next_point(p[i], goals[i])
+            goals[i] = paths.next_point(p[i, :3], goals[i])
         return goals
 
     def step(self, state: ReferenceState, setpoint_p: Array, setpoint_gaze: Array) -> ReferenceState:
         """Advance by one control period towards setpoints ``setpoint_p`` (N,3), ``setpoint_gaze`` (N,2)."""
-        look = np.minimum(np.maximum(setpoint_gaze, -self._gaze_max), self._gaze_max)
-        goals = self._aim(setpoint_p, state.p_world)
-        now = np.concatenate(
-            [state.p_world, state.v_world, state.a_world, state.gaze, state.gaze_rate], axis=1
+        goals, rows = self._aim(setpoint_p, state.rows), state.rows
+        new = step_all(
+            rows,
+            goals,
+            setpoint_gaze,
+            *self._bounds,
+            self._limits,
+            self._gaze_limits,
+            self._dt,
+            self._yaw,
         )
-        bounds = (*self._planes, self._discs, *self._polygons, self._margin)
-        new = step_all(now, goals, look, *bounds, self._limits, self._gaze_limits, self._dt)
         for i, detour in self._detours.items():
-            new[i, :9] = detour.step(now[i, :9], new[i, :9], goals[i])
-        return ReferenceState(new[:, 0:3], new[:, 3:6], new[:, 9:11], new[:, 11:13], new[:, 6:9])
+            new[i, :9] = detour.step(rows[i, :9], new[i, :9], goals[i])
+        return ReferenceState(new)
 
     def reference(self, state: ReferenceState) -> Reference:
         """Pose and exact velocity of the references in ``state``."""
-        turning = turn_all(state.gaze, state.gaze_rate, self._yaw)
-        return Reference(state.p_world, turning[:, :4], state.v_world, turning[:, 4:], state.a_world)
+        r = state.rows
+        return Reference(r[:, 0:3], r[:, 13:17], r[:, 3:6], r[:, 17:20], r[:, 6:9])

@@ -7,14 +7,12 @@ fly there.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from camnet.control.settings import ControllerSettings
 from camnet.geometry.regions import Region
-from camnet.geometry.rotations import gaze_angles
 from camnet.geometry.settings import CameraModel
 from camnet.types import Array, TargetEstimate
 
@@ -26,6 +24,7 @@ _PUNCTUAL, _REPOSE_S = 0.5, 15.0
 _LEAST_SPEED_MPS = 0.1
 #: speed of climbing or sinking to the working height while the target is in view, m/s
 _CLIMB_MPS = 0.15
+_HALF_ANGLES_KEPT = 256
 #: how far ahead of a tracked target the camera is sent, s: about the lag of the references
 _LEAD_S = 0.5
 
@@ -37,9 +36,21 @@ class Setpoint(NamedTuple):
     gaze: Array
 
 
-@lru_cache(maxsize=256)
+#: half-angles by the identity of the camera model, which is kept so that the identity stays taken
+_HALF_ANGLES: dict[int, tuple[CameraModel, float]] = {}
+
+
 def half_angle(camera: CameraModel) -> float:
     """Smallest half-angle of the field of view, rad: from the principal point to the nearest image border."""
+    known = _HALF_ANGLES.get(id(camera))
+    if known is None:
+        if len(_HALF_ANGLES) >= _HALF_ANGLES_KEPT:
+            _HALF_ANGLES.clear()
+        known = _HALF_ANGLES[id(camera)] = (camera, _smallest_half_angle(camera))
+    return known[1]
+
+
+def _smallest_half_angle(camera: CameraModel) -> float:
     k = camera.intrinsics
     slopes = (
         (k.cx_px + 0.5) / k.fx_px,
@@ -47,7 +58,7 @@ def half_angle(camera: CameraModel) -> float:
         (k.cy_px + 0.5) / k.fy_px,
         (k.height_px - 0.5 - k.cy_px) / k.fy_px,
     )
-    return float(np.arctan(max(min(slopes), 1e-3)))
+    return math.atan(max(min(slopes), 1e-3))
 
 
 def working_height(camera: CameraModel, radius_m: float, settings: ControllerSettings) -> float:
@@ -58,13 +69,15 @@ def working_height(camera: CameraModel, radius_m: float, settings: ControllerSet
     """
     psi = max(settings.image_fill, 1e-3) * half_angle(camera)
     highest = max(camera.far_m - radius_m, settings.min_height_m)
-    return float(min(max(radius_m / np.sin(psi), settings.min_height_m, camera.near_m + radius_m), highest))
+    return min(max(radius_m / math.sin(psi), settings.min_height_m, camera.near_m + radius_m), highest)
 
 
 def _look_from(p_world: Array, point_world: Array, settings: ControllerSettings) -> Array:
-    pan, tilt = gaze_angles(point_world - p_world)
-    limit = settings.gaze_max_rad
-    return np.asarray(np.clip(np.array([float(pan), float(tilt)]), -limit, limit))
+    """Pan and tilt (2,) of `camnet.geometry.rotations.gaze_angles`, limited."""
+    (x, y, z), limit = (point_world - p_world).tolist(), settings.gaze_max_rad
+    down = max(-z, 0.0)
+    pan, tilt = math.atan2(x, down), math.atan2(y, down)
+    return np.array([min(max(pan, -limit), limit), min(max(tilt, -limit), limit)])
 
 
 def _above(point: Array, height: float, region: Region | None, margin_m: float) -> Array:
@@ -74,7 +87,7 @@ def _above(point: Array, height: float, region: Region | None, margin_m: float) 
 
 def _view_radius(target_extent_m: float, radius_m: float) -> float:
     """Radius of the ball to keep in view; an unknown error radius counts as none."""
-    return target_extent_m + (radius_m if np.isfinite(radius_m) else 0.0)
+    return target_extent_m + (radius_m if math.isfinite(radius_m) else 0.0)
 
 
 def track(
@@ -126,7 +139,7 @@ def intercept(
     camera goes as high as it may.
     """
     ball = _view_radius(settings.target_extent_m, radius_m)
-    speed = float(np.linalg.norm(entry_v))
+    speed = math.sqrt(float(entry_v @ entry_v))
     ahead = entry_v * min(max(late_s, 0.0), ball / speed) if speed > 1e-9 else np.zeros(3)
     p = _above(entry_p + ahead, working_height(camera, ball, settings), region, settings.region_margin_m)
     return Setpoint(p, _look_from(p, entry_p + ahead, settings))

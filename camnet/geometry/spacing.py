@@ -1,14 +1,28 @@
-"""Least distance between points, compiled: it is asked for at every sensing step."""
+"""Least distance between points and membership in boxes, compiled: asked for at every sensing step."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
-__all__ = ["least_distance"]
+__all__ = ["in_boxes", "least_distance"]
+
+
+@njit(cache=True)
+def in_boxes(points: Array, low: Array, high: Array) -> BoolArray:
+    """Whether ``points`` (K, 3) lie in boxes with lowest corners ``low`` (C, 3), highest ``high`` (C, 3): (K, C)."""
+    out = np.empty((points.shape[0], low.shape[0]), dtype=np.bool_)
+    for k in range(points.shape[0]):
+        for c in range(low.shape[0]):
+            inside = True
+            for i in range(3):
+                inside = inside and low[c, i] <= points[k, i] <= high[c, i]
+            out[k, c] = inside
+    return out
 
 
 @njit(cache=True)

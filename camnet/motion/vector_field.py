@@ -19,9 +19,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from camnet.geometry import rotations
-from camnet.motion.fields import PlanarField
+from camnet.motion.fields import LoopField, PlanarField, loop_guide
 from camnet.motion.protocol import TargetState, planar_state
 from camnet.types import Array, Twist
 
@@ -102,6 +103,23 @@ class VectorFieldMotion:
         """Advance by the midpoint rule (second order); motors, if they lag, by their exact first-order response."""
         x, y, _ = state.p_world.tolist()
         theta, v, w = state.internal.tolist()
+        if isinstance(self.field, LoopField):
+            c, f = self.field.curve, self.field
+            end = _step_on_loop(
+                (x, y, theta, v, w),
+                dt_s,
+                self._limits(),
+                c.knots,
+                c.coefficients,
+                c.samples,
+                c.sample_u,
+                (f.attraction_per_m, f.speed_mps, f.modulation),
+            )
+            return planar_state(end[0], end[1], 0.0, end[2], end[3], end[4], end[2:])
+        return self._step(x, y, theta, v, w, dt_s)
+
+    def _step(self, x: float, y: float, theta: float, v: float, w: float, dt_s: float) -> TargetState:
+        """Do it for any field, readably; `_step_on_loop` is the compiled twin for loops."""
         if self.drive.lag_s > 0.0:
             v_goal, w_goal = self._command(x, y, theta)
             gain = -math.expm1(-dt_s / self.drive.lag_s)
@@ -120,6 +138,17 @@ class VectorFieldMotion:
             v_next, w_next = self._command(x, y, theta)
         return planar_state(x, y, 0.0, theta, v_next, w_next, (theta, v_next, w_next))
 
+    def _limits(self) -> tuple[float, float, float, float, float, float]:
+        d = self.drive
+        return (
+            d.v_max_mps,
+            d.w_max_radps,
+            d.wheel_base_m,
+            d.wheel_max_mps,
+            d.lag_s,
+            self.heading_gain_per_s,
+        )
+
     def velocity(self, p_world: Array, q_world: Array, t_s: float) -> Twist | None:
         """Return the velocity that the robot has at a pose; None if its motors lag, for then it has a memory."""
         if self.drive.lag_s > 0.0:
@@ -134,3 +163,65 @@ class VectorFieldMotion:
         feed_forward = s * (grad_x * math.cos(theta) + grad_y * math.sin(theta))
         error = math.remainder(psi - theta, 2.0 * math.pi)
         return self.drive.limited(s, self.heading_gain_per_s * error + feed_forward)
+
+
+@njit(cache=True)
+def _command_on_loop(
+    x: float,
+    y: float,
+    theta: float,
+    limits: tuple[float, float, float, float, float, float],
+    knots: Array,
+    coefficients: Array,
+    samples: Array,
+    sample_u: Array,
+    shape: tuple[float, float, float],
+) -> tuple[float, float]:
+    """`VectorFieldMotion._command` and `Drive.limited` on a loop."""
+    v_max, w_max, wheel_base, wheel_max, _, gain = limits
+    psi, grad_x, grad_y, s = loop_guide(x, y, knots, coefficients, samples, sample_u, shape)
+    v = min(s, v_max)
+    turn = psi - theta
+    turn -= 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
+    w = gain * turn + v * (grad_x * math.cos(theta) + grad_y * math.sin(theta))
+    w = min(max(w, -w_max), w_max)
+    fastest = abs(v) + abs(w) * 0.5 * wheel_base
+    if fastest > wheel_max:
+        return v * wheel_max / fastest, w * wheel_max / fastest
+    return v, w
+
+
+@njit(cache=True)
+def _step_on_loop(
+    now: tuple[float, float, float, float, float],
+    dt: float,
+    limits: tuple[float, float, float, float, float, float],
+    knots: Array,
+    coefficients: Array,
+    samples: Array,
+    sample_u: Array,
+    shape: tuple[float, float, float],
+) -> tuple[float, float, float, float, float]:
+    """`VectorFieldMotion._step` on a loop: x, y, heading, v, w after ``dt``."""
+    x, y, theta, v, w = now
+    lag = limits[4]
+    v_next, w_next = v, w
+    if lag > 0.0:
+        v_goal, w_goal = _command_on_loop(x, y, theta, limits, knots, coefficients, samples, sample_u, shape)
+        gain = -math.expm1(-dt / lag)
+        v_next, w_next = v + gain * (v_goal - v), w + gain * (w_goal - w)
+        v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
+        theta_mid = theta + 0.25 * dt * (w + w_mid)
+    else:
+        half = 0.5 * dt
+        theta_mid = theta + half * w
+        x_mid, y_mid = x + half * v * math.cos(theta), y + half * v * math.sin(theta)
+        v_mid, w_mid = _command_on_loop(
+            x_mid, y_mid, theta_mid, limits, knots, coefficients, samples, sample_u, shape
+        )
+    x += dt * v_mid * math.cos(theta_mid)
+    y += dt * v_mid * math.sin(theta_mid)
+    theta += dt * w_mid
+    if lag <= 0.0:
+        v_next, w_next = _command_on_loop(x, y, theta, limits, knots, coefficients, samples, sample_u, shape)
+    return x, y, theta, v_next, w_next

@@ -20,7 +20,7 @@ from camnet.geometry.rotations_compiled import conjugate, exp, multiply, rotate
 from camnet.sensing.settings import SensingSettings
 from camnet.types import Array, BoolArray, CameraMotion, PoseMeasurement, Snapshot
 
-__all__ = ["PoseSensor"]
+__all__ = ["PoseSensor", "camera_motion"]
 
 #: times within this many frame periods of a frame count as on it
 _EARLY = 1e-6
@@ -83,19 +83,26 @@ class PoseSensor:
     def _take(self, snapshot: Snapshot, visible: BoolArray, rng: np.random.Generator) -> None:
         noise = rng.standard_normal((*self._shape, 6)) * self._scale
         kept = visible & (rng.random(self._shape) >= self._settings.dropout_probability)
-        for c in np.flatnonzero(kept.any(axis=1)).tolist():
-            motion = CameraMotion(
-                snapshot.camera_p_world[c].copy(),
-                snapshot.camera_q_world[c].copy(),
-                snapshot.camera_v_world[c].copy(),
-                snapshot.camera_w_cam[c].copy(),
+        cameras, targets = kept.nonzero()  # in the order of camera, target
+        motion, of = None, -1
+        for c, m in zip(cameras.tolist(), targets.tolist(), strict=True):
+            if motion is None or c != of:
+                motion, of = camera_motion(snapshot, c), c
+            p_cam, q_cam = _relative_pose(
+                motion.p_world,
+                motion.q_world,
+                snapshot.target_p_world[m],
+                snapshot.target_q_world[m],
+                noise[c, m],
             )
-            for m in np.flatnonzero(kept[c]).tolist():
-                p_cam, q_cam = _relative_pose(
-                    motion.p_world,
-                    motion.q_world,
-                    snapshot.target_p_world[m],
-                    snapshot.target_q_world[m],
-                    noise[c, m],
-                )
-                self._pending.append(PoseMeasurement(snapshot.t_s, c, m, p_cam, q_cam, motion))
+            self._pending.append(PoseMeasurement(snapshot.t_s, c, m, p_cam, q_cam, motion))
+
+
+def camera_motion(snapshot: Snapshot, camera: int) -> CameraMotion:
+    """Pose and velocity of one camera, in arrays of their own."""
+    return CameraMotion(
+        snapshot.camera_p_world[camera].copy(),
+        snapshot.camera_q_world[camera].copy(),
+        snapshot.camera_v_world[camera].copy(),
+        snapshot.camera_w_cam[camera].copy(),
+    )

@@ -20,7 +20,7 @@ from camnet.geometry.rotations_compiled import to_matrix
 from camnet.geometry.settings import CameraModel
 from camnet.types import Array, BoolArray, IntArray, Snapshot
 
-__all__ = ["RaysClear", "VisibilityTest", "features_world"]
+__all__ = ["RaysClear", "VisibilityTest", "features_world", "who_may_see"]
 
 #: (origins (K, 3), points (K, 3)) -> (K,): which sight lines nothing blocks
 RaysClear = Callable[[Array, Array], BoolArray]
@@ -34,15 +34,27 @@ def features_world(p_world: ArrayLike, q_world: ArrayLike, features: ArrayLike) 
 
 @njit(cache=True)
 def _in_frusta(
-    a: Array, b: Array, camera_p: Array, camera_q: Array, points: Array, first: IntArray
+    a: Array,
+    b: Array,
+    camera_p: Array,
+    camera_q: Array,
+    points: Array,
+    first: IntArray,
+    allowed: BoolArray,
 ) -> BoolArray:
-    """Whether all points of each target are in each camera's frustum (C, M); points (F, 3) in the world."""
+    """Whether all points of each target are in each camera's frustum (C, M); points (F, 3) in the world.
+
+    Only pairs that are ``allowed`` (C, M) are looked at; the others are False.
+    """
     n_cameras, n_targets = camera_p.shape[0], first.shape[0] - 1
     out = np.empty((n_cameras, n_targets), dtype=np.bool_)
     for c in range(n_cameras):
         r = to_matrix(camera_q[c])
         for m in range(n_targets):
-            inside = True
+            inside = allowed[c, m]
+            if not inside:
+                out[c, m] = False
+                continue
             for f in range(first[m], first[m + 1]):
                 d0, d1, d2 = (
                     points[f, 0] - camera_p[c, 0],
@@ -76,6 +88,44 @@ def _points_world(target_p: Array, target_q: Array, features: Array, first: IntA
                     + r[i, 2] * features[f, 2]
                 )
     return out
+
+
+@njit(cache=True)
+def _see(
+    a: Array,
+    b: Array,
+    camera_p: Array,
+    camera_q: Array,
+    target_p: Array,
+    target_q: Array,
+    features: Array,
+    first: IntArray,
+    allowed: BoolArray,
+) -> BoolArray:
+    """Whether each target, at ``target_p`` (M, 3), ``target_q`` (M, 4), is in each camera's frustum (C, M)."""
+    return _in_frusta(
+        a, b, camera_p, camera_q, _points_world(target_p, target_q, features, first), first, allowed
+    )
+
+
+@njit(cache=True)
+def who_may_see(inside: BoolArray, working: BoolArray, n_agents: int) -> tuple[BoolArray, IntArray]:
+    """Pairs (C, M) that are not ruled out before looking, and the first region (M,) of each target (-1: none).
+
+    Parameters
+    ----------
+    inside : (M, C) which target is in which camera's region; an agent (the first cameras) sees nothing outside its own
+    working : (C,) which cameras work
+    """
+    n_targets, n_cameras = inside.shape
+    allowed = np.empty((n_cameras, n_targets), dtype=np.bool_)
+    region = np.full(n_targets, -1, dtype=np.int64)
+    for m in range(n_targets):
+        for c in range(n_cameras):
+            allowed[c, m] = working[c] and (inside[m, c] or c >= n_agents)
+            if inside[m, c] and region[m] < 0:
+                region[m] = c
+    return allowed, region
 
 
 @njit(cache=True)
@@ -128,16 +178,19 @@ class VisibilityTest:
                 f"{len(cameras)} cameras but {len(regions)} regions: give one, or None, for each camera"
             )
         self.frusta = Frustum.stack([Frustum.from_camera(camera) for camera in cameras])
-        self._regions = tuple(regions)
+        self._regions = {c: region for c, region in enumerate(regions) if region is not None}
         points = [np.array(f, dtype=np.float64).reshape(-1, 3) for f in features]
         self._features: Array = np.concatenate(points) if points else np.zeros((0, 3))
         self._first: IntArray = np.concatenate([[0], np.cumsum([len(p) for p in points])]).astype(np.int64)
+        self._all: BoolArray = np.ones((len(cameras), len(points)), dtype=np.bool_)
 
     def in_view(self, snapshot: Snapshot) -> BoolArray:
         """Whether target m is in the frustum of camera c and in its region (C, M); occlusion is not looked at."""
-        return self._in_view(snapshot, self._points(snapshot))
+        return self._in_view(snapshot, self._all)
 
-    def __call__(self, snapshot: Snapshot, rays_clear: RaysClear | None = None) -> BoolArray:
+    def __call__(
+        self, snapshot: Snapshot, rays_clear: RaysClear | None = None, allowed: BoolArray | None = None
+    ) -> BoolArray:
         """Whether camera c sees target m (C, M).
 
         Parameters
@@ -145,11 +198,12 @@ class VisibilityTest:
         snapshot : the truth
         rays_clear : tells which sight lines are free; asked once, for the pairs that pass the other tests. Without
             it nothing blocks.
+        allowed : (C, M) pairs that are looked at (all if None); the others do not see each other
         """
-        points = self._points(snapshot)
-        visible = self._in_view(snapshot, points)
+        visible = self._in_view(snapshot, self._all if allowed is None else allowed)
         if rays_clear is None:
             return visible
+        points = self._points(snapshot)
         origins, ends = _sight_lines(visible, snapshot.camera_p_world, points, self._first)
         if len(origins):
             _hide(visible, np.asarray(rays_clear(origins, ends), dtype=np.bool_), self._first)
@@ -160,17 +214,19 @@ class VisibilityTest:
             _points_world(snapshot.target_p_world, snapshot.target_q_world, self._features, self._first)
         )
 
-    def _in_view(self, snapshot: Snapshot, points: Array) -> BoolArray:
-        visible: BoolArray = _in_frusta(
+    def _in_view(self, snapshot: Snapshot, allowed: BoolArray) -> BoolArray:
+        visible: BoolArray = _see(
             self.frusta.A,
             self.frusta.b,
             snapshot.camera_p_world,
             snapshot.camera_q_world,
-            points,
+            snapshot.target_p_world,
+            snapshot.target_q_world,
+            self._features,
             self._first,
+            allowed,
         )
-        for c in np.flatnonzero(visible.any(axis=1)):
-            region = self._regions[c]
-            if region is not None:
+        for c, region in self._regions.items():
+            if visible[c].any():
                 visible[c] &= region.contains(snapshot.target_p_world)
         return visible

@@ -54,6 +54,7 @@ class HandoffTracker:
         self._seen = False
         self._region = -1
         self._open: Handoff | None = None
+        self._lap = 1
 
     def update(self, t_s: float, region: int, seen_by: int) -> None:
         """Advance to ``t_s``: the target is truly in ``region`` (-1: none) and seen by ``seen_by`` (-1: nobody)."""
@@ -79,14 +80,13 @@ class HandoffTracker:
             self._open = None
         if region != self._last_seen_region:
             self.visits.append((t_s, region))
+            self._lap += len(self.visits) > 1 and region == self.visits[0][1]
         self._last_seen_region = region
 
     @property
     def lap(self) -> int:
         """Number of the current lap, from 1: a lap ends when the region of the first sighting is visited again."""
-        if not self.visits:
-            return 1
-        return sum(region == self.visits[0][1] for _, region in self.visits)
+        return self._lap
 
     @property
     def attempted(self) -> int:

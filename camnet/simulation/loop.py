@@ -23,7 +23,7 @@ from camnet.errors import ConfigError
 from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.settings import SensingSettings
-from camnet.sensing.visibility import VisibilityTest
+from camnet.sensing.visibility import VisibilityTest, who_may_see
 from camnet.sensing.vision_sensor import build_sensor
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
@@ -116,6 +116,7 @@ class NetworkSimulation:
         ]
         self.visible: BoolArray = np.zeros((len(network.cameras), network.n_targets), dtype=bool)
         self.target_region = np.full(network.n_targets, -1)
+        self._outside: tuple[Snapshot | None, BoolArray] = (None, np.zeros(network.n_agents, dtype=bool))
         self.working: BoolArray = np.ones(
             len(network.cameras), dtype=bool
         )  # a camera that does not sees nothing
@@ -201,11 +202,8 @@ class NetworkSimulation:
     def _sense(self) -> None:
         snapshot = self.snapshot
         inside = self.network.containment(snapshot.target_p_world)  # (M, C)
-        self.target_region = np.where(inside.any(axis=1), inside.argmax(axis=1), -1)
-        self.visible = self._visibility(snapshot, self._rays_clear)
-        n = self.network.n_agents
-        self.visible[:n] &= inside[:, :n].T  # an agent sees nothing outside its region
-        self.visible &= self.working[:, None]
+        allowed, self.target_region = who_may_see(inside, self.working, self.network.n_agents)
+        self.visible = self._visibility(snapshot, self._rays_clear, allowed)
         self._past.append(snapshot)
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         for m, tracker in enumerate(self.trackers):
@@ -229,12 +227,16 @@ class NetworkSimulation:
 
     def seen_by(self, m: int) -> int:
         """Index of a camera that truly sees target ``m`` (-1: none)."""
-        cameras = np.flatnonzero(self.visible[:, m])
-        return int(cameras[0]) if cameras.size else -1
+        camera = int(self.visible[:, m].argmax())
+        return camera if self.visible[camera, m] else -1
 
     def agents_outside(self) -> BoolArray:
         """Which agents (N,) are outside their operating regions."""
-        return np.asarray(~np.diagonal(self.network.containment(self.snapshot.agent_p_world)))
+        when, outside = self._outside
+        if when is not self.snapshot:
+            outside = np.asarray(~np.diagonal(self.network.containment(self.snapshot.agent_p_world)))
+            self._outside = self.snapshot, outside
+        return outside
 
     def rollout(self, m: int) -> Rollout:
         """Predicted future of target ``m`` by the driving estimator."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +18,16 @@ from camnet.geometry.frustum import Frustum
 from camnet.geometry.regions import BoxRegion, CylinderRegion, PolytopeRegion, Region, build_region
 from camnet.geometry.rotations import look_at, normalise
 from camnet.geometry.settings import CameraModel
+from camnet.geometry.spacing import in_boxes
 from camnet.importers.tracks import load_tracks, only_track
 from camnet.motion.factory import build_motion
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.settings import TargetSettings, TrackTarget
 from camnet.types import Array, BoolArray
 from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, TargetSpec, WorldDescription
+
+if TYPE_CHECKING:
+    from camnet.sensing.marker import Marker
 
 _CONVEX = (BoxRegion, CylinderRegion, PolytopeRegion)
 
@@ -60,7 +65,7 @@ class Network:
     def containment(self, points: Array) -> BoolArray:
         """Whether points (K,3) lie in the regions, (K,C)."""
         low, high = self._boxes
-        inside: BoolArray = np.asarray(((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2))
+        inside: BoolArray = in_boxes(points, low, high)
         for j in self._not_boxes:  # the bounding box alone does not decide
             inside[:, j] &= self.regions[j].contains(points)
         return inside
@@ -68,7 +73,7 @@ class Network:
     @cached_property
     def _boxes(self) -> tuple[Array, Array]:
         bounds = np.array([region.bounds for region in self.regions])
-        return bounds[:, 0], bounds[:, 1]
+        return bounds[:, 0].copy(), bounds[:, 1].copy()
 
     @cached_property
     def half_widths(self) -> Array:
@@ -123,8 +128,10 @@ def build_network(scenario: Scenario) -> Network:
         cameras=tuple(fixed),
         occluders=tuple(OccluderSpec(o.name, o.shape) for o in scenario.occluders),
         targets=tuple(
-            TargetSpec(t.name, t.size_m, np.array(t.features_m), _motion(t, scenario))
-            for t in scenario.targets
+            TargetSpec(
+                t.name, t.size_m, np.array(t.features_m), _motion(t, scenario), _marker(t, m, scenario)
+            )
+            for m, t in enumerate(scenario.targets)
         ),
         roads=scenario.roads,
     )
@@ -145,6 +152,14 @@ def _motion(target: TargetSettings, scenario: Scenario) -> TargetMotion:
     if isinstance(target.motion, TrackTarget):
         track = only_track(load_tracks(target.motion), str(target.motion.file))
     return build_motion(target, scenario.roads, track)
+
+
+def _marker(target: TargetSettings, number: int, scenario: Scenario) -> Marker | None:
+    if scenario.sensing.level != "image":
+        return None
+    from camnet.sensing.marker import marker_on  # OpenCV, for this level only
+
+    return marker_on(target.features_m, number)
 
 
 def _agent(agent: Agent, regions: dict[str, Region], models: dict[str, CameraModel]) -> AgentSpec:

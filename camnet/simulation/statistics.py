@@ -56,9 +56,10 @@ class RunStatistics:
     def after_control(self, simulation: NetworkSimulation) -> None:
         """Count collisions and exits (each once, when it starts), effort and distances between agents."""
         snapshot: Snapshot = simulation.snapshot
-        touching = set(snapshot.collisions)
-        self.collisions += [(snapshot.t_s, a, b) for a, b in sorted(touching - self._touching)]
-        self._touching = touching
+        if snapshot.collisions or self._touching:
+            touching = set(snapshot.collisions)
+            self.collisions += [(snapshot.t_s, a, b) for a, b in sorted(touching - self._touching)]
+            self._touching = touching
         if simulation.network.n_agents:
             self.effort += simulation.control_dt_s * float(
                 np.vdot(snapshot.agent_v_world, snapshot.agent_v_world)
@@ -88,7 +89,8 @@ class RunStatistics:
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
         outside = simulation.agents_outside()
-        self.region_exits += int(np.count_nonzero(outside & ~self._outside))
+        if outside.any():
+            self.region_exits += int(np.count_nonzero(outside & ~self._outside))
         self._outside = outside
         nearest = least_distance(simulation.snapshot.agent_p_world)
         self.least_distance_m = min(self.least_distance_m, nearest)

@@ -124,7 +124,7 @@ def test_watching_for_contacts_changes_nothing_where_there_are_none(open_world, 
     for forced in (False, True):
         world, _ = open_world(wind=WindSettings(mean_mps=(1.0, 0, 0)))
         if forced:
-            monkeypatch.setattr(world, "_may_touch", lambda: True)
+            monkeypatch.setattr(world, "_can_always_touch", True)
         watched: list[int] = []
         monkeypatch.setattr(world._engine, "contacts", lambda seen=watched: seen.append(1) or set())
         for k in range(60):

@@ -7,14 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 import pybullet as pb
 
+from camnet.control.flight_kernel import begin_period, end_period
 from camnet.control.quadrotor import QuadrotorModel
-from camnet.control.quadrotor_kernel import MEMORY, hold_command, pack_model, step_packed, turn_gimbals
+from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed, turn_gimbals
 from camnet.types import Array
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
 from camnet.world.settings import PhysicsSettings, WindSettings
 
 __all__ = ["Flight", "model_from_settings"]
+
+#: how far an acceleration carries an agent in a control period beyond its velocity, generously, m
+_REACH_M = 0.1
 
 
 def model_from_settings(physics: PhysicsSettings, substeps: int = 1) -> QuadrotorModel:
@@ -82,6 +86,7 @@ class Flight:
         if wind.gust_std_mps > 0:
             self._gust = rng.normal(scale=wind.gust_std_mps, size=(n, 3))
         self._read()
+        self._before = self.bodies
 
     def _read(self) -> None:
         c, position, velocity = self._engine.client, pb.getBasePositionAndOrientation, pb.getBaseVelocity
@@ -101,31 +106,67 @@ class Flight:
         self._gust = decay * self._gust + np.sqrt(1.0 - decay * decay) * noise
         return self._mean_wind + self._gust
 
-    def hold(self, command: CameraCommand) -> bool:
-        """Take the command of the next control period; False, and nothing done, if it is not finite."""
-        wind = self._wind(self._physics.wind, self._control_dt_s)
-        a_world = self._no_feedforward if command.a_world is None else command.a_world
-        return bool(hold_command(self._command, command.v_world, command.w_cam, a_world, wind))
+    def hold(self, command: CameraCommand, radius: float, balls: Array) -> int:
+        """Take the command of the next control period: 1 if anything may touch in it, 0 if not, -1 if not finite.
+
+        ``radius``, ``balls``: see `camnet.control.camera_kernel.may_touch`.
+        """
+        return int(
+            begin_period(
+                self.bodies,
+                self.memory,
+                self._command,
+                self._constants,
+                command.v_world,
+                command.w_cam,
+                self._no_feedforward if command.a_world is None else command.a_world,
+                self._wind(self._physics.wind, self._control_dt_s),
+                self._wrench,
+                radius,
+                balls,
+                _REACH_M,
+                self._control_dt_s,
+            )
+        )
 
     def step(self, watch: bool) -> set[tuple[str, str]]:
-        """Fly for one control period; returns the pairs of names that touched.
+        """Fly for the control period whose command is held; returns the pairs of names that touched.
 
         ``watch``: something may touch. Contacts are then looked up after every physics step; else nobody is asked.
+        The gimbals have yet to make their last turn: `observe`.
         """
         touched: set[tuple[str, str]] = set()
         self._engine.single_steps(watch)
-        for _ in range(self._periods):
-            step_packed(self.bodies, self.memory, self._command, self._constants, self._wrench)
+        for period in range(self._periods):
+            if period:
+                turn_gimbals(self._before, self.bodies, self.memory, self._command, self._constants)
+                step_packed(self.bodies, self.memory, self._command, self._constants, self._wrench)
             if watch:
                 for k in range(self._substeps):
                     self._push(self._points() if k else self.bodies[:, :3].tolist())
                     touched |= self._engine.contacts()
             else:
                 self._push(self.bodies[:, :3].tolist())
-            before = self.bodies
+            self._before = self.bodies
             self._read()
-            turn_gimbals(before, self.bodies, self.memory, self._command, self._constants)
         return touched
+
+    def observe(self, offset_body: Array, fixed: Array, start_p: Array) -> tuple[int, Array]:
+        """End a control period; see `camnet.control.flight_kernel.end_period`."""
+        limits = self._physics
+        unsound, motion = end_period(
+            self._before,
+            self.bodies,
+            self.memory,
+            self._command,
+            self._constants,
+            offset_body,
+            fixed,
+            start_p,
+            limits.range_limit_m,
+            limits.speed_limit_mps,
+        )
+        return int(unsound), motion
 
     def _points(self) -> list[tuple[float, ...]]:
         c = self._engine.client

@@ -68,7 +68,7 @@ class KinematicMotion:
         self._command = command
         return bool(np.isfinite(command.v_world).all() and np.isfinite(command.w_cam).all())
 
-    def step(self, watch: bool = True) -> set[tuple[str, str]]:
+    def step(self) -> set[tuple[str, str]]:
         """Move for one control period; returns the pairs of names that touched."""
         command = self._command
         dt, n = 1.0 / self._physics.step_hz, len(self._numbers)

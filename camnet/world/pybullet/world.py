@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 import pybullet as pb
 from numpy.typing import NDArray
 
-from camnet.control.camera_kernel import body_motion, camera_motion, first_unsound, may_touch
+from camnet.control.camera_kernel import body_motion, first_unsound
+from camnet.control.flight_kernel import INVALID
 from camnet.errors import SimulationError, WorldError
 from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
 from camnet.types import Array, BoolArray, Snapshot
@@ -27,10 +28,6 @@ if TYPE_CHECKING:
     from camnet.motion.protocol import TargetState
 
 __all__ = ["PyBulletWorld"]
-
-
-#: how far an acceleration carries an agent in a control period beyond its velocity, generously, m
-_REACH_M = 0.1
 
 
 def _ball(size_m: tuple[float, float, float]) -> float:
@@ -59,8 +56,9 @@ class PyBulletWorld:
         self.target_names = tuple(t.name for t in d.targets)
         self.control_dt_s = d.substeps / d.physics.step_hz
         self._models = [a.camera for a in d.agents] + [c.camera for c in d.cameras]
-        self._fixed_p = _stack([c.p_world for c in d.cameras], 3)
-        self._fixed_q = _stack([c.q_world for c in d.cameras], 4)
+        self._fixed = np.zeros((len(d.cameras), 13))
+        for row, camera in zip(self._fixed, d.cameras, strict=True):
+            row[:3], row[3:7] = camera.p_world, camera.q_world
         self._offset = np.array(d.physics.gimbal.offset_m)
         self._yaw = np.array([a.start_yaw_rad for a in d.agents])
         self._body_q = from_yaw(self._yaw).reshape(len(d.agents), 4)
@@ -75,6 +73,7 @@ class PyBulletWorld:
         self._balls = np.array([[0.0, 0.0, 0.0, _ball(t.size_m), t.motion.v_max_mps] for t in d.targets])
         self._balls = self._balls.reshape(-1, 5)
         self._is_kinematic = d.physics.actuation == "kinematic"
+        self._can_always_touch = self._is_kinematic or bool(d.occluders)
         self._engine = Engine(d.physics, 1 if self._is_kinematic else d.flight_substeps)
         self._flight = Flight(self._engine, d.physics, self.control_dt_s, d.flight_substeps)
         self._kinematic = KinematicMotion(self._engine, d.physics, d.substeps)
@@ -105,25 +104,26 @@ class PyBulletWorld:
     def step(self, command: CameraCommand) -> Snapshot:
         """Advance by one control period; see the protocol."""
         self._check_shapes(command)
-        actuation: Flight | KinematicMotion = self._kinematic if self._is_kinematic else self._flight
-        if not actuation.hold(command):
-            self._name_what_is_not_finite(command)
+        watch = self._hold(command)
         self._move_targets()
-        watch = self._is_kinematic or bool(self.description.occluders) or self._may_touch()
         if watch:
             self._sync_targets()
-        touched = actuation.step(watch)
+        touched = self._kinematic.step() if self._is_kinematic else self._flight.step(watch)
         self._step += self.description.substeps
         self._t_s = self._step / self.description.physics.step_hz
-        self._check_state(actuation.bodies)
-        return self._observe(tuple(sorted(touched)))
+        return self._observe(tuple(sorted(touched)) if touched else ())
 
-    def _may_touch(self) -> bool:
-        """Whether anything may touch in the coming control period, by distances and speeds alone."""
-        balls = self._balls
-        for m, state in enumerate(self._targets):
-            balls[m, :3] = state.p_world
-        return bool(may_touch(self._flight.bodies, self._agent_radius, balls, _REACH_M, self.control_dt_s))
+    def _hold(self, command: CameraCommand) -> bool:
+        """Take the command; whether anything may touch in its period, by distances and speeds alone."""
+        if self._is_kinematic:
+            found = 1 if self._kinematic.hold(command) else INVALID
+        else:
+            for ball, state in zip(self._balls, self._targets, strict=True):
+                ball[:3] = state.p_world
+            found = self._flight.hold(command, self._agent_radius, self._balls)
+        if found == INVALID:
+            self._name_what_is_not_finite(command)
+        return found != 0 or self._can_always_touch
 
     def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
         """True poses of a target at any times; see the protocol."""
@@ -154,12 +154,8 @@ class PyBulletWorld:
                     f"step {self._step}: command.{name} of agent {body!r} is not finite: {value}"
                 )
 
-    def _check_state(self, bodies: Array) -> None:
-        """Raise when a body is not finite, too fast or too far; one cheap test while all is well."""
+    def _diverged(self, k: int, bodies: Array) -> NoReturn:
         limits = self.description.physics
-        k = first_unsound(bodies, self._start_p, limits.range_limit_m, limits.speed_limit_mps)
-        if k < 0:
-            return
         raise SimulationError(
             f"step {self._step}: agent {self.agent_names[k]!r} diverged: position {bodies[k, :3]} m, "
             f"velocity {bodies[k, 7:10]} m/s (limits: {limits.range_limit_m:g} m from the start, "
@@ -184,24 +180,22 @@ class PyBulletWorld:
             for number, state in zip(self._scene.targets, self._targets, strict=True):
                 self._engine.place(number, state.p_world.tolist(), xyzw(state.q_world))
 
-    def _cameras(self) -> Array:
-        """Pose and velocity (N,13) of the agents' cameras."""
-        if self._is_kinematic:
-            return self._kinematic.camera
-        return np.asarray(camera_motion(self._flight.bodies, self._flight.memory, self._offset))
-
-    def _all_cameras(self) -> Array:
-        """Pose and velocity (C,13) of the agents' cameras and of the fixed ones, which rest."""
-        moving = self._cameras()
-        if not len(self._fixed_p):
-            return moving
-        fixed = np.hstack([self._fixed_p, self._fixed_q, np.zeros((len(self._fixed_p), 6))])
-        return np.concatenate([moving, fixed])
+    def _motion(self) -> Array:
+        """Motion (N+C,13) of the agents, their cameras and the fixed ones, which rest."""
+        if not self._is_kinematic:
+            unsound, motion = self._flight.observe(self._offset, self._fixed, self._start_p)
+            if unsound >= 0:
+                self._diverged(unsound, self._flight.bodies)
+            return motion
+        bodies, limits = self._kinematic.bodies, self.description.physics
+        unsound = first_unsound(bodies, self._start_p, limits.range_limit_m, limits.speed_limit_mps)
+        if unsound >= 0:
+            self._diverged(unsound, bodies)
+        return np.concatenate([body_motion(bodies), self._kinematic.camera, self._fixed])
 
     def _observe(self, collisions: tuple[tuple[str, str], ...]) -> Snapshot:
-        actuation = self._kinematic if self._is_kinematic else self._flight
-        bodies = body_motion(actuation.bodies)
-        cameras, states = self._all_cameras(), self._targets
+        n, motion, states = len(self.agent_names), self._motion(), self._targets
+        bodies, cameras = motion[:n], motion[n:]
         self._snapshot = Snapshot(
             t_s=self._t_s,
             step=self._step,
