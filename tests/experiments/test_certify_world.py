@@ -15,6 +15,7 @@ from camnet.certification.transitions import RoadTargetClass
 from camnet.config.load import load_scenario
 from camnet.config.models import Occluder
 from camnet.errors import CertificateError, DataError
+from camnet.experiments.certified import Certified
 from camnet.experiments.certify_flow import (
     certify_learned,
     flow_case,
@@ -32,7 +33,7 @@ from camnet.experiments.falsify import falsify_world
 from camnet.experiments.falsify_flow import velocities
 from camnet.experiments.learned_model import LearnedModel, load_model
 from camnet.experiments.recorded_people import check_recorded
-from camnet.experiments.target_groups import target_groups
+from camnet.experiments.target_groups import join_targets, target_groups
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.settings import Box, CameraModel, Intrinsics
 from camnet.importers.sumo_detectors import read_detectors, read_sensor_table
@@ -189,18 +190,41 @@ def test_every_target_is_certified_and_one_without_a_model_is_not(certified_worl
     first = scenario.targets[0]
     second = first.model_copy(update={"name": "second", "v_max_mps": 0.7})
     both = scenario.model_copy(update={"targets": (first, second)})
-    report = certify_world(both, {"robot": model, "second": model}, find_largest=False).report
-    assert report["certificates"]["learned"]["verdict"] == "certified"
-    assert {t["target"] for t in report["transitions"]} == {"robot", "second"}
-    assert len(report["transitions"]) == 8
     alone = certify_world(both, model, find_largest=False).report
     assert alone["certificates"]["learned"]["verdict"] == "not certified"
     assert "second" in alone["certificates"]["learned"]["reason"]
+    assert {t["target"] for t in alone["transitions"]} == {"robot", "second"}
     assert {t["target"] for t in alone["uncertified"]} == {"second"}
     attack = falsify_world(both, 40, 0, {"robot": model, "second": model})
     assert (attack["trials"], attack["violations"]["learned"]) == (40, 0)
     with pytest.raises(CertificateError, match="second"):
         falsify_world(both, 4, 0, model)
+
+
+def test_joined_reports_are_as_good_as_the_worst():
+    def part(*verdicts):
+        kinds = ("published", "sound", "learned")
+        report = {
+            "target_class": "c",
+            "certificates": {k: {"verdict": v, "reason": v} for k, v in zip(kinds, verdicts, strict=False)},
+            "transitions": [{"from": "a", "to": "b"}],
+            "uncertified": [],
+            "constants": {},
+        }
+        return Certified(report, [])
+
+    good = part("unsatisfiable", "certified", "certified")
+    both = join_targets({"x": good, "y": good}).report
+    assert [v["verdict"] for v in both["certificates"].values()] == [
+        "unsatisfiable",
+        "certified",
+        "certified",
+    ]
+    worse = join_targets({"x": good, "y": part("unsatisfiable", "unsatisfiable", "not certified")}).report
+    assert [v["verdict"] for v in worse["certificates"].values()] == [
+        "unsatisfiable", "not certified", "not certified"
+    ]  # fmt: skip
+    assert [t["target"] for t in worse["transitions"]] == ["x", "y"]
 
 
 def test_equal_road_targets_are_one_class_and_others_are_not():
