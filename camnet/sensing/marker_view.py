@@ -19,10 +19,10 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.rotations import skew
@@ -37,6 +37,8 @@ __all__ = ["BLACK", "MARGIN_PX", "WHITE", "Lens", "Patch", "draw_marker", "marke
 BLACK, WHITE = 30.0, 220.0
 #: surroundings drawn beyond the plate, pixels
 MARGIN_PX = 6
+#: steps of the inverse distortion at most, and pixels between the points where it is solved for
+_STEPS, _KNOT_PX = 60, 8
 #: irrational steps that spread a pixel's points over its height and over the exposure: 1/g, 1/p with g^2 = g + 1,
 #: p^3 = p + 1
 _SPREAD_1, _SPREAD_2 = 0.6180339887498949, 0.7548776662466927
@@ -55,11 +57,21 @@ class Lens:
 
     @cached_property
     def _corner_rays(self) -> Array:
-        """Normalised coordinates (height + 1, width + 1, 2) of all pixels' corners, distortion taken out."""
-        k = self.intrinsics
-        u, v = np.meshgrid(np.arange(k.width_px + 1) - 0.5, np.arange(k.height_px + 1) - 0.5)
-        pixels = np.stack([u, v], axis=-1)
-        return undistort(self.pinhole, pixels)
+        """Normalised coordinates (height + 1, width + 1, 2) of all pixels' corners, distortion taken out.
+
+        What the lens adds is smooth: it is solved for at every eighth pixel and carried on by cubic splines.
+        """
+        k, camera = self.intrinsics, self.pinhole
+        u, v = np.arange(k.width_px + 1) - 0.5, np.arange(k.height_px + 1) - 0.5
+        seen = (np.stack(np.meshgrid(u, v), axis=-1) - camera.centre) / camera.focal
+        if not camera.distorted:
+            return np.asarray(seen)
+        few = [np.linspace(x[0], x[-1], max(5, len(x) // _KNOT_PX)) for x in (u, v)]
+        knots = np.stack(np.meshgrid(*few), axis=-1)
+        added = undistort(camera, knots) - (knots - camera.centre) / camera.focal
+        for axis in range(2):
+            seen[..., axis] += RectBivariateSpline(few[1], few[0], added[..., axis])(v, u)
+        return np.asarray(seen)
 
     def rays(self, left: int, top: int, right: int, bottom: int) -> Array:
         """Rays (bottom - top + 1, right - left + 1, 2) of the corners of the pixels [left, right) x [top, bottom)."""
@@ -67,13 +79,18 @@ class Lens:
 
 
 def undistort(pinhole: Pinhole, pixels: Array) -> Array:
-    """Normalised coordinates (..., 2) of pixels (..., 2): OpenCV's iteration, for whole images."""
-    if not pinhole.distorted:
-        return np.asarray(pinhole.normalise(pixels))
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-    seen = pixels.reshape(-1, 1, 2)
-    found = cv2.undistortPointsIter(seen, pinhole.matrix, pinhole.distortion, None, None, stop)
-    return np.asarray(found, dtype=np.float64).reshape(pixels.shape)
+    """Normalised coordinates (..., 2) of pixels (..., 2) by fixed-point iteration.
+
+    Where the distortion folds the image (far outside the calibrated part) it stays where it got to.
+    """
+    seen = (pixels - pinhole.centre) / pinhole.focal
+    rays = np.concatenate([seen, np.ones_like(seen[..., :1])], axis=-1)
+    for _ in range(_STEPS):
+        miss = (pinhole.project(rays) - pixels) / pinhole.focal
+        rays[..., :2] -= miss
+        if np.abs(miss).max() < 1e-10:
+            break
+    return np.ascontiguousarray(rays[..., :2])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -126,7 +143,7 @@ def draw_marker(
     out: NDArray[np.float32] = background[top:bottom, left:right].astype(np.float32)
     rays = lens.rays(left, top, right, bottom)
     share = (np.arange(top, bottom) / lens.intrinsics.height_px - 0.5) * readout_s
-    reach = 1.0 / _module_px(lens, plane)
+    reach = 0.75 / _module_px(lens, plane)  # a little more than half a pixel's diagonal
     _draw(out, rays, plane, rate, share, exposure_s, samples, reach, pattern(marker.number))
     return Patch(out, left, top)
 
@@ -211,6 +228,13 @@ def _colour(i0: float, j0: float, i1: float, j1: float, reach: float, modules: N
 
 
 @njit(cache=True, error_model="numpy")
+def _beyond(i0: float, j0: float, i1: float, j1: float, n: int) -> float:
+    """Distance of the nearer of two places from the plate along one of its axes, modules."""
+    along = max(-max(i0, i1), min(i0, i1) - n)
+    return max(along, max(-max(j0, j1), min(j0, j1) - n))
+
+
+@njit(cache=True, error_model="numpy")
 def _draw(
     out: NDArray[np.float32],
     rays: Array,
@@ -234,7 +258,9 @@ def _draw(
             _homography(plane, rate, row_s[v] + 0.5 * exposure_s, last)
             for k in range(samples):
                 _homography(plane, rate, row_s[v] + exposure_s * when[k], h[k])
-        for u in range(out.shape[1]):
+        u = -1
+        while u + 1 < out.shape[1]:
+            u += 1
             x, y = rays[v, u, 0], rays[v, u, 1]
             x_u, y_u = rays[v, u + 1, 0] - x, rays[v, u + 1, 1] - y
             x_v, y_v = rays[v + 1, u, 0] - x, rays[v + 1, u, 1] - y
@@ -242,7 +268,8 @@ def _draw(
             i0, j0 = _module(first, x_mid, y_mid)
             i1, j1 = _module(last, x_mid, y_mid)
             colour = _colour(i0, j0, i1, j1, reach, modules)
-            if colour == -1:
+            if colour == -1:  # no nearer pixel can be on the plate
+                u += max(0, int(_beyond(i0, j0, i1, j1, n) / reach) - 2)
                 continue
             if colour >= 0:
                 out[v, u] = BLACK + (WHITE - BLACK) / 255.0 * colour

@@ -7,15 +7,18 @@ own from it, so two runs with one seed stay comparable when their views differ.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from camnet.geometry.settings import CameraModel
 from camnet.sensing.pose_sensor import PoseSensor
-from camnet.sensing.readers import FeatureReader, ImageReader, Reader, Render
 from camnet.sensing.settings import SensingSettings
 from camnet.types import BoolArray, CameraMotion, PoseMeasurement, Snapshot
+
+if TYPE_CHECKING:
+    from camnet.sensing.readers import Reader, Render
 
 __all__ = ["VisionSensor", "build_sensor"]
 
@@ -66,8 +69,10 @@ def build_sensor(
         The level cannot be had with these targets or settings.
     """
     size = (len(features), len(cameras))
+    if settings.level == "pose":
+        return PoseSensor(settings, *size)
+    from camnet.sensing.readers import FeatureReader, ImageReader  # OpenCV, for these levels only
+
     if settings.level == "features":
         return VisionSensor(settings, FeatureReader(settings.features, cameras, features), *size)
-    if settings.level == "image":
-        return VisionSensor(settings, ImageReader(settings.image, cameras, features, render), *size)
-    return PoseSensor(settings, *size)
+    return VisionSensor(settings, ImageReader(settings.image, cameras, features, render), *size)

@@ -29,6 +29,9 @@ from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, Target
 if TYPE_CHECKING:
     from camnet.sensing.marker import Marker
 
+if TYPE_CHECKING:
+    from camnet.control.planner.viewpoints import Viewpoints
+
 _CONVEX = (BoxRegion, CylinderRegion, PolytopeRegion)
 
 __all__ = ["Network", "build_network", "view_volume"]
@@ -104,6 +107,20 @@ class Network:
         shapes = [o.shape for o in self.scenario.occluders]
         dt_s = 1.0 / self.scenario.controller.rate_hz
         return pilots(self.scenario.controller, self.regions[: self.n_agents], shapes, dt_s)
+
+    @cached_property
+    def viewpoints(self) -> Mapping[int, Viewpoints]:
+        """What moves the setpoints of agents among occluders to where they can be and see, by the agent's number."""
+        detoured = self.detours()
+        if not detoured:
+            return {}
+        from camnet.control.planner.obstacles import from_shape
+        from camnet.control.planner.viewpoints import Viewpoints
+
+        solids = [from_shape(o.shape) for o in self.scenario.occluders]
+        roads = [np.array([*r.points_m, *([r.points_m[0]] if r.closed else [])]) for r in self.scenario.roads]
+        settings = self.scenario.controller
+        return {j: Viewpoints(settings, self.regions[j], self.cameras[j], solids, roads) for j in detoured}
 
     @property
     def n_targets(self) -> int:

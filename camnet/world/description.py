@@ -13,6 +13,7 @@ from camnet.world.settings import PhysicsSettings
 if TYPE_CHECKING:
     from camnet.geometry.regions import Region
     from camnet.motion.protocol import TargetMotion
+    from camnet.sensing.marker import Marker
 
 #: the inner loop's attitude control needs at least this rate
 FLIGHT_HZ_LEAST = 60.0
@@ -68,12 +69,14 @@ class TargetSpec:
     size_m : (length, width, height) of the box
     features_m : (F,3) feature points in the body frame
     motion : the law by which it moves
+    marker : the fiducial marker it carries, if any: only for pictures
     """
 
     name: str
     size_m: tuple[float, float, float]
     features_m: Array
     motion: TargetMotion
+    marker: Marker | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

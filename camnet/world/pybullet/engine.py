@@ -85,10 +85,17 @@ class Engine:
         body: int = pb.createMultiBody(
             mass_kg, shape, visual, basePosition=p_world, baseOrientation=xyzw(q), physicsClientId=c
         )
-        group, meets = (_FLYING, -1) if mass_kg > 0 else (_STANDING, _FLYING)
-        pb.setCollisionFilterGroupMask(body, -1, group, meets, physicsClientId=c)
-        self.names[body] = name
+        if mass_kg > 0:
+            pb.setCollisionFilterGroupMask(body, -1, _FLYING, -1, physicsClientId=c)
+            self.names[body] = name
+        else:
+            self.stand(body, name)
         return body
+
+    def stand(self, body: int, name: str) -> None:
+        """Note a body that stands or is driven: it meets only what flies."""
+        pb.setCollisionFilterGroupMask(body, -1, _STANDING, _FLYING, physicsClientId=self.client)
+        self.names[body] = name
 
     def add_picture(self, solid: Solid, color: _Color) -> None:
         """Create something that is only seen."""

@@ -25,11 +25,15 @@ def view_matrix(p_world: Array, q_world: Array) -> list[float]:
 
 
 def projection_matrix(intrinsics: Intrinsics, near_m: float, far_m: float) -> list[float]:
-    """OpenGL projection, column by column; OpenCV's pixel centres are whole numbers, OpenGL's lie half a pixel on."""
+    """OpenGL projection, column by column; pixel centres are whole numbers, as OpenCV has them.
+
+    The software renderer samples a pixel at its lower left corner, not at its centre as OpenGL does. In rows counted
+    from above whose centres are whole numbers, that corner is (0, 1) away from OpenGL's origin.
+    """
     k = intrinsics
     matrix = np.zeros((4, 4))
-    matrix[0, 0], matrix[0, 2] = 2.0 * k.fx_px / k.width_px, 1.0 - 2.0 * (k.cx_px + 0.5) / k.width_px
-    matrix[1, 1], matrix[1, 2] = 2.0 * k.fy_px / k.height_px, 2.0 * (k.cy_px + 0.5) / k.height_px - 1.0
+    matrix[0, 0], matrix[0, 2] = 2.0 * k.fx_px / k.width_px, 1.0 - 2.0 * k.cx_px / k.width_px
+    matrix[1, 1], matrix[1, 2] = 2.0 * k.fy_px / k.height_px, 2.0 * (k.cy_px + 1.0) / k.height_px - 1.0
     matrix[2, 2], matrix[2, 3] = (near_m + far_m) / (near_m - far_m), 2.0 * near_m * far_m / (near_m - far_m)
     matrix[3, 2] = -1.0
     return [float(x) for x in matrix.T.ravel()]

@@ -8,7 +8,7 @@ import numpy as np
 
 from camnet.geometry.rotations import IDENTITY
 from camnet.types import Array
-from camnet.world.description import WorldDescription
+from camnet.world.description import TargetSpec, WorldDescription
 from camnet.world.pybullet.engine import Engine
 from camnet.world.pybullet.shapes import box, cylinder, pieces, sheet
 
@@ -72,9 +72,18 @@ def _draw_roads(engine: Engine, description: WorldDescription) -> None:
         engine.add_picture(sheet(np.array(quads[k : k + _QUADS_MAX])), _ROAD_COLOR)
 
 
+def _add_target(engine: Engine, k: int, target: TargetSpec) -> int:
+    solid = box(np.array(target.size_m), np.zeros(3), lift=0.5 * target.size_m[2])
+    waiting, color = (0.0, 0.0, -100.0), TARGET_COLORS[k % len(TARGET_COLORS)]
+    if target.marker is not None:
+        from camnet.world.pybullet.plate import add_marked  # OpenCV, for markers only
+
+        return add_marked(engine, target.name, solid, waiting, color, target.marker)
+    return engine.add(target.name, solid, waiting, IDENTITY, color)
+
+
 def build_scene(engine: Engine, description: WorldDescription) -> Scene:
     """Create every body; moving ones wait at the origin far below until they are placed."""
-    waiting = (0.0, 0.0, -100.0)
     engine.add_ground()
     for occluder in description.occluders:
         for solid in pieces(occluder.shape, occluder.name):
@@ -91,16 +100,7 @@ def build_scene(engine: Engine, description: WorldDescription) -> Scene:
         )
         for k, agent in enumerate(description.agents)
     ]
-    targets = [
-        engine.add(
-            target.name,
-            box(np.array(target.size_m), np.zeros(3), lift=0.5 * target.size_m[2]),
-            waiting,
-            IDENTITY,
-            TARGET_COLORS[k % len(TARGET_COLORS)],
-        )
-        for k, target in enumerate(description.targets)
-    ]
+    targets = [_add_target(engine, k, target) for k, target in enumerate(description.targets)]
     _draw_ground(engine, description)
     _draw_roads(engine, description)
     return Scene(agents, targets)
