@@ -34,12 +34,14 @@ from camnet.motion.track import Track
 from camnet.report.certificate import MapLine
 from camnet.types import Array
 
-__all__ = ["design_tracks", "longest_unseen_s", "timed_coverage", "track_candidates"]
+__all__ = ["design_tracks", "timed_coverage", "track_candidates", "unseen_stretches"]
 
 #: way per fix that a standing target is taken to make, so that time grows with the way, m
 _CREEP_M = 1e-7
 #: step at which the answer is checked by looking, s
 _LOOK_S = 0.1
+#: the longest stretches out of view that the map shows
+_DRAWN = 20
 
 
 def design_tracks(
@@ -90,7 +92,8 @@ def design_tracks(
     chosen = [sensors[k] for k in found.chosen.tolist()]
     views = sensor_views(chosen, footprint_m)
     ground = ground_views(views, [s.name for s in chosen], 0.0, extent_m)
-    longest = longest_unseen_s(moving, [g.view for g in ground])
+    hidden = unseen_stretches(moving, [g.view for g in ground])
+    longest = hidden[0][0] if hidden else 0.0
     report: dict[str, Any] = {
         **found.as_dict(),
         "cameras": [{"name": s.name, "x": s.x_m, "y": s.y_m} for s in chosen],
@@ -105,7 +108,9 @@ def design_tracks(
         "target_class": f"{len(moving)} recorded tracks",
     }
     verdict = "certified" if report["certified"] else "not certified"
-    drawn = [MapLine(line, verdict, f"track {t.id}") for line, t in zip(lines, moving, strict=True)]
+    drawn = [MapLine(line, "seen", f"track {t.id}") for line, t in zip(lines, moving, strict=True)]
+    for seconds, name, points in hidden[:_DRAWN]:
+        drawn.append(MapLine(points, verdict, f"track {name}: {seconds:.1f} s out of view"))
     return Certified(report, [ring for g in ground for ring in g.rings], drawn)
 
 
@@ -158,13 +163,16 @@ def _clock(track: Track) -> tuple[Array, Array]:
     return way, track.t_s - track.t_s[0]
 
 
-def longest_unseen_s(tracks: Sequence[Track], views: Sequence[Any]) -> float:
-    """Return the longest time out of view by looking every tenth of a second: a route of its own."""
-    worst = 0.0
+def unseen_stretches(tracks: Sequence[Track], views: Sequence[Any]) -> list[tuple[float, str, Array]]:
+    """Return times out of view, s, whose and where (n, 2), the longest first.
+
+    Found by looking every tenth of a second, a route that shares nothing with the placement.
+    """
+    found: list[tuple[float, str, Array]] = []
     for track in tracks:
         t = np.arange(track.t_s[0], track.t_s[-1], _LOOK_S)
         p = np.stack([np.interp(t, track.t_s, track.p_world[:, k]) for k in (0, 1)], axis=1)
         seen = np.any([v.depth(p) >= 0.0 for v in views], axis=0) if views else np.zeros(len(t), dtype=bool)
         edges = np.flatnonzero(np.diff(np.r_[False, ~seen, False].astype(int))).reshape(-1, 2)
-        worst = max(worst, float(np.diff(edges, axis=1).max(initial=0)) * _LOOK_S)
-    return worst
+        found += [((b - a) * _LOOK_S, track.id, p[a:b]) for a, b in edges.tolist()]
+    return sorted(found, key=lambda row: -row[0])
