@@ -122,7 +122,8 @@ def offset_of(
     """How far left of its way on the nearest road p (3,) lies, m; at most half the road's width either way."""
     road, segment, _, lateral = _nearest(p[0], p[1], points, arc, first)
     half = 0.5 * width[road]
-    return _way(segment, prior, points) * min(half, max(-half, lateral))
+    offset: float = _way(segment, prior, points) * min(half, max(-half, lateral))
+    return offset
 
 
 @njit(cache=True)

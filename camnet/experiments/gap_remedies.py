@@ -141,7 +141,8 @@ def run_world(
 
 def tabulate(runs: Sequence[Sequence[Gap]]) -> dict[str, Any]:
     """Figures of every row over the gaps of several runs, first and later crossings apart."""
-    first, later = [], []
+    first: list[Gap] = []
+    later: list[Gap] = []
     for gaps in runs:
         known: set[tuple[int, int]] = set()
         for gap in sorted(gaps, key=lambda g: g.seen_s):

@@ -238,7 +238,7 @@ def conduct(trace: RoadTrace, from_s: float) -> dict[str, float]:
 def _runs(flags: BoolArray) -> list[int]:
     """Lengths of the runs of true values."""
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(int), 0]))
-    return (edges[1::2] - edges[::2]).tolist()
+    return [int(n) for n in edges[1::2] - edges[::2]]
 
 
 NOTES = {
