@@ -38,7 +38,6 @@ _METHODS = {
     "square": cv2.SOLVEPNP_IPPE_SQUARE,
     "ippe": cv2.SOLVEPNP_IPPE,
     "sqpnp": cv2.SOLVEPNP_SQPNP,
-    "iterative": cv2.SOLVEPNP_ITERATIVE,
 }
 
 
@@ -75,7 +74,7 @@ def solve_pose(
     points : (K, 3) in a frame on the target, m; for ``ippe`` their z are zero, for ``square`` they are the corners of
         a square about the origin, clockwise from the top left
     frame : pose of that frame in the target's body
-    method : ``ippe`` and ``square`` (two poses), ``sqpnp`` or ``iterative``
+    method : ``ippe`` and ``square`` (two poses) or ``sqpnp``
     focal_px : focal length in which errors are stated
     refine : end with Levenberg-Marquardt
     """

@@ -20,7 +20,7 @@ class FeatureSettings(Settings):
     """
 
     pixel_noise_px: NonNegative = 0.2
-    solver: Literal["auto", "ippe", "sqpnp", "iterative"] = "auto"
+    solver: Literal["auto", "ippe", "sqpnp"] = "auto"
     refine: bool = True
     max_reprojection_px: Positive = 3.0
 

@@ -236,14 +236,6 @@ def test_the_drawn_marker_and_pybullets_agree(bullet):
         plain = _shown(bullet, scene, 0, 640, 368).astype(np.float32)
         coarse.append(found(cv2.GaussianBlur(plain, (0, 0), 0.5)) - mine)
         np.testing.assert_allclose(mine, true_pixels(scene, lens), atol=0.15)
-    print(
-        "fine",
-        np.mean(apart, axis=(0, 1)),
-        np.std(apart),
-        "coarse",
-        np.mean(coarse, axis=(0, 1)),
-        np.std(coarse),
-    )
-    assert np.sqrt(np.mean(np.square(apart))) < 0.15
-    assert np.abs(apart).max() < 0.4
-    assert np.sqrt(np.mean(np.square(coarse))) < 0.3
+    assert np.sqrt(np.mean(np.square(apart))) < 0.06
+    assert np.abs(np.mean(apart, axis=(0, 1))).max() < 0.04
+    assert np.sqrt(np.mean(np.square(coarse))) < 0.2
