@@ -5,6 +5,7 @@ What predicts is chosen with the environment (``filter_name="learned"``, ``"ekf"
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -50,7 +51,8 @@ class Learned:
             {name: slices[f"target_{m}.{name}"].start for name in _FIELDS}
             for m in range(context.layout.n_targets)
         ]
-        self._rest = loiter(context.region, context.camera, context.controller)
+        free = context.viewpoints
+        self._rest = loiter(context.region, context.camera, context.controller) if free is None else free.rest
 
     def __call__(self, observation: NDArray[np.float32] | Mapping[str, NDArray[np.float32]]) -> Action:
         """Return the action for an observation."""
@@ -70,7 +72,9 @@ class Learned:
         ]
         if present:
             estimate = self._estimate(array, values, min(present)[2])
-            return track(estimate, context.region, context.camera, context.controller, own_p)
+            wanted = track(estimate, context.region, context.camera, context.controller, own_p)
+            free = context.viewpoints
+            return wanted if free is None else free.seeing(wanted, estimate.p_world, own_p)
         coming = [
             (-values[t["coming"]], values[t["entry_time"]], m)
             for m, t in enumerate(self._first)
@@ -78,7 +82,13 @@ class Learned:
         ]
         if coming:
             return self._meet(array, values, min(coming)[2], own_p)
-        return at_ease(self._rest, own_p, context.controller)
+        return self._ease(self._rest, own_p)
+
+    def _ease(self, goal: Setpoint, own_p: Array, within_s: float = math.inf) -> Setpoint:
+        """Return a setpoint on the way to ``goal``."""
+        if self._context.viewpoints is not None:
+            return self._context.viewpoints.on_the_way(goal, own_p, within_s)
+        return at_ease(goal, own_p, self._context.controller, within_s)
 
     def _estimate(self, array: Array, values: list[float], m: int) -> TargetEstimate:
         context, first = self._context, self._first[m]
@@ -98,12 +108,15 @@ class Learned:
     def _meet(self, array: Array, values: list[float], m: int, own_p: Array) -> Setpoint:
         context, first = self._context, self._first[m]
         p, v = first["entry_position"], first["entry_velocity"]
+        entry_p = context.world(array[p : p + 3])
         goal = intercept(
-            context.world(array[p : p + 3]),
+            entry_p,
             array[v : v + 3] * context.speeds[m],
             values[first["entry_radius"]] * context.width_m,
             context.region,
             context.camera,
             context.controller,
         )
-        return at_ease(goal, own_p, context.controller, values[first["entry_time"]] * context.lookahead_s)
+        if context.viewpoints is not None:
+            goal = context.viewpoints.seeing(goal, entry_p)
+        return self._ease(goal, own_p, values[first["entry_time"]] * context.lookahead_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from camnet.geometry.regions import Region
 from camnet.geometry.settings import CameraModel
 from camnet.simulation.network import Network
 from camnet.types import Array
+
+if TYPE_CHECKING:
+    from camnet.control.planner.viewpoints import Viewpoints
 
 __all__ = ["AgentContext", "Policy", "contexts", "network_contexts"]
 
@@ -36,6 +39,7 @@ class AgentContext:
     speeds : (M,) top speeds of the targets, m/s
     lookahead_s : time that scales times in observations
     gaze_max_rad : pan and tilt of an action of 1
+    viewpoints : for an agent among occluders: where it can be and see
     """
 
     name: str
@@ -48,6 +52,7 @@ class AgentContext:
     speeds: Array
     lookahead_s: float
     gaze_max_rad: float
+    viewpoints: Viewpoints | None = None
 
     def world(self, relative: Array) -> Array:
         """Position (3,) in the world from one in half-sizes about the region's centre."""
@@ -102,6 +107,7 @@ def network_contexts(
             speeds=np.array([target.v_max_mps for target in scenario.targets]),
             lookahead_s=scenario.handoff.lookahead_s,
             gaze_max_rad=gaze_max_rad,
+            viewpoints=network.viewpoints.get(j),
         )
         for j, agent in enumerate(scenario.agents)
     }

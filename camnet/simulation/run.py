@@ -129,14 +129,22 @@ def setpoint_for(
 ) -> Setpoint:
     """Turn the task of agent ``j``, whose camera is at ``camera_p`` (3,), into its setpoint."""
     region, camera, settings = network.regions[j], network.cameras[j], network.scenario.controller
+    free = network.viewpoints.get(j)  # among occluders alone
     if task.role is Role.TRACK:
-        return track(estimates[task.target], region, camera, settings, camera_p)
+        estimate = estimates[task.target]
+        wanted = track(estimate, region, camera, settings, camera_p)
+        return wanted if free is None else free.seeing(wanted, estimate.p_world, camera_p)
     if task.role is Role.INTERCEPT and task.entry is not None:
         entry = task.entry
         late_s = t_s - entry.t_s
         goal = intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, settings, late_s)
-        return at_ease(goal, camera_p, settings, max(-late_s, 0.0))
-    return at_ease(loiter(region, camera, settings), camera_p, settings)
+        left_s = max(-late_s, 0.0)
+        if free is None:
+            return at_ease(goal, camera_p, settings, left_s)
+        return free.on_the_way(free.seeing(goal, entry.p_world), camera_p, left_s)
+    if free is None:
+        return at_ease(loiter(region, camera, settings), camera_p, settings)
+    return free.on_the_way(free.rest, camera_p)
 
 
 def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str, Any]:
