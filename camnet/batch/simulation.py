@@ -32,7 +32,7 @@ __all__ = ["FILTERS", "BatchSimulation"]
 #: what the agents may know comes from one of these
 FILTERS = ("learned", "frozen", "ekf", "oracle")
 #: environments that one call of the compiled loop takes, at most
-_GROUP = 256
+_GROUP = 1024
 
 
 class _Estimators(Protocol):

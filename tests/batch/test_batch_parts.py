@@ -14,22 +14,35 @@ from camnet.batch.motion import pack_targets, step_target
 from camnet.batch.random import normal, stream_of, uniform
 from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
 from camnet.control import reference_kernel
-from camnet.control.camera_kernel import camera_motion
 from camnet.control.quadrotor_kernel import pack_model
 from camnet.control.references import RegionBounds
 from camnet.control.sliding_mode_kernel import control_compiled
 from camnet.errors import ConfigError
 from camnet.geometry import rotations
 from camnet.geometry.regions import BoxRegion, CylinderRegion
-from camnet.geometry.settings import Road
+from camnet.geometry.settings import CameraModel, Road
 from camnet.motion.factory import build_motion
 from camnet.motion.settings import TargetSettings
 from camnet.motion.track import Track
+from camnet.world.description import AgentSpec, WorldDescription
 from camnet.world.protocol import CameraCommand
-from camnet.world.pybullet.engine import Engine
-from camnet.world.pybullet.flight import Flight, model_from_settings
-from camnet.world.pybullet.shapes import cylinder
+from camnet.world.pybullet import PyBulletWorld
+from camnet.world.pybullet.flight import model_from_settings
 from camnet.world.settings import PhysicsSettings, WindSettings
+
+CAMERA = CameraModel(
+    name="c",
+    intrinsics={
+        "width_px": 640,
+        "height_px": 480,
+        "fx_px": 420.0,
+        "fy_px": 420.0,
+        "cx_px": 320.0,
+        "cy_px": 240.0,
+    },
+    near_m=0.3,
+    far_m=8.0,
+)
 
 
 @njit
@@ -73,35 +86,41 @@ def test_triples_agree_with_rotations():
 
 @pytest.mark.parametrize("flight_hz", [60, 240])
 def test_flight_is_that_of_pybullet(flight_hz):
-    physics = PhysicsSettings(flight_hz=flight_hz, wind=WindSettings(mean_mps=(0.6, -0.3, 0.1)))
-    substeps, n = 240 // flight_hz, 3
-    engine = Engine(physics, substeps)
-    bodies = [
-        engine.add(
-            f"a{k}", cylinder(0.2, 0.1, np.zeros(3)), (9.0 * k, 0.0, 5.0), np.eye(4)[0], (0, 0, 0, 1), 1.0
-        )
-        for k in range(n)
-    ]
-    flight = Flight(engine, physics, 1 / 60, substeps)
-    yaw = np.array([0.0, 0.7, -2.0])
-    start = np.array([[9.0 * k, 0.0, 5.0] for k in range(n)])
-    flight.reset(bodies, start, yaw, rotations.from_yaw(yaw).reshape(n, 4), np.random.default_rng(0))
-    mine, memory = flight.bodies[None].copy(), flight.memory[None].copy()
-    constants = pack_model(model_from_settings(physics, substeps))
-    offset, cameras, rng = np.array(physics.gimbal.offset_m), np.zeros((1, n, 13)), np.random.default_rng(1)
+    wind = WindSettings(mean_mps=(0.6, -0.3, 0.1))
+    physics = PhysicsSettings(flight_hz=flight_hz, wind=wind)
+    yaw = (0.0, 0.7, -2.0)
+    agents = tuple(AgentSpec(f"a{k}", np.array([9.0 * k, 0, 5]), yaw[k], CAMERA) for k in range(3))
+    world = PyBulletWorld(WorldDescription(physics, 60.0, agents))
+    now = world.reset(np.random.default_rng(0))
+    constants, offset = (
+        pack_model(model_from_settings(physics, 240 // flight_hz)),
+        np.array(physics.gimbal.offset_m),
+    )
+    bodies, memory, cameras = np.zeros((1, 3, 13)), np.zeros((1, 3, 19)), np.zeros((1, 3, 13))
+    bodies[0, :, :3], bodies[0, :, 3:7] = now.agent_p_world, np.roll(now.agent_q_world, -1, axis=1)
+    memory[0, :, 15] = 1.0
+    memory[0, :, :4] = math.sqrt(9.81 / 4 / physics.quadrotor.thrust_n_per_rad2ps2)
+    rng = np.random.default_rng(1)
     for k in range(180):
         if k % 20 == 0:  # hard manoeuvres: saturated, turning, tilted
-            u, a, w = rng.uniform(-3, 3, (n, 3)), rng.uniform(-2, 2, (n, 3)), rng.uniform(-1.5, 1.5, (n, 3))
-        flight.step(CameraCommand(u, w, a))
-        for i in range(n):
+            u, a, w = rng.uniform(-3, 3, (3, 3)), rng.uniform(-2, 2, (3, 3)), rng.uniform(-1.5, 1.5, (3, 3))
+        now = world.step(CameraCommand(u, w, a))
+        for i in range(3):
             heading = (math.cos(yaw[i]), math.sin(yaw[i]))
-            command = (tuple(u[i]), tuple(a[i]), tuple(w[i]), heading, physics.wind.mean_mps)
-            fly(mine, memory, 0, i, *command, constants, 4 // substeps)
-            camera_of(mine, memory, 0, i, offset, cameras)
-    engine.close()
-    np.testing.assert_allclose(mine[0], flight.bodies, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(memory[0], flight.memory, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(cameras[0], camera_motion(flight.bodies, flight.memory, offset), atol=1e-11)
+            command = (tuple(u[i]), tuple(a[i]), tuple(w[i]), heading, wind.mean_mps)
+            fly(bodies, memory, 0, i, *command, constants, flight_hz // 60)
+            camera_of(bodies, memory, 0, i, offset, cameras)
+    world.close()
+    for mine, theirs in (
+        (bodies[0, :, :3], now.agent_p_world),
+        (bodies[0, :, [6, 3, 4, 5]].T, now.agent_q_world),
+        (bodies[0, :, 7:10], now.agent_v_world),
+        (cameras[0, :, :3], now.camera_p_world),
+        (cameras[0, :, 3:7], now.camera_q_world),
+        (cameras[0, :, 7:10], now.camera_v_world),
+        (cameras[0, :, 10:], now.camera_w_cam),
+    ):
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-11)
 
 
 LIMITS = np.array([1.5, 2.0, 2.0, 8.0, 8.0])
