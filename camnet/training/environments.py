@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from camnet.agents import AgentContext, network_contexts
+import numpy as np
+from numpy.typing import NDArray
+
+from camnet.agents import AgentContext, build_team, network_contexts
 from camnet.env.batch_handoff import BatchHandoff
-from camnet.training.rows import FeatureRows
+from camnet.training.rows import FeatureRows, Rule
 from camnet.training.settings import TrainSettings
 
-__all__ = ["WorldRows", "open_worlds"]
+__all__ = ["WorldRows", "open_worlds", "rule_on_rows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,5 +45,21 @@ def _open(world: str, environments: int, settings: TrainSettings) -> WorldRows:
         threads=settings.threads,
         max_cycles=settings.max_cycles,
     )
-    known = tuple(network_contexts(env.network, env.layout, env.settings.gaze_max_rad).values())
-    return WorldRows(world, FeatureRows(env, known), known)
+    known = network_contexts(env.network, env.layout, env.settings.gaze_max_rad)
+    base = rule_on_rows(settings.residual_of, known, environments) if settings.residual_of else None
+    rows = FeatureRows(env, tuple(known.values()), base, settings.residual_scale)
+    return WorldRows(world, rows, tuple(known.values()))
+
+
+def rule_on_rows(agent: str, known: Mapping[str, AgentContext], environments: int, seed: int = 0) -> Rule:
+    """Built-in agent ``agent`` on the rows of so many environments."""
+    names, teams = list(known), [build_team(agent, known, seed + e) for e in range(environments)]
+
+    def act(shown: NDArray[np.float32]) -> NDArray[np.float32]:
+        rows: list[NDArray[np.float32]] = []
+        for e, team in enumerate(teams):
+            chosen = team(dict(zip(names, shown[e * len(names) : (e + 1) * len(names)], strict=True)))
+            rows += [chosen[name] for name in names]
+        return np.asarray(rows, dtype=np.float32)
+
+    return act

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,10 @@ from camnet.agents.policy import AgentContext
 from camnet.env.batch_handoff import BatchHandoff
 from camnet.types import Array
 
-__all__ = ["FeatureRows", "JoinedRows", "Normaliser"]
+__all__ = ["FeatureRows", "JoinedRows", "Normaliser", "Rule"]
+
+#: from observations (B, D) of all rows to actions (B, A)
+Rule = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 _LIMIT = 10.0
 
@@ -79,10 +82,14 @@ class FeatureRows(_Rows):
     ----------
     env : starts the next episode by itself; rows are agents, agent by agent within an environment
     known : fixed facts of the agents of one environment, in that order
+    base, share : what acts on observations (B, D); actions are then ``base + share * action``, clipped
     """
 
-    def __init__(self, env: BatchHandoff, known: Sequence[AgentContext]) -> None:
+    def __init__(
+        self, env: BatchHandoff, known: Sequence[AgentContext], base: Rule | None = None, share: float = 1.0
+    ) -> None:
         self.env, self._agents = env, len(known)
+        self._base, self._share = base, share
         box = spaces.Box(-np.inf, np.inf, (len(FEATURES),), dtype=np.float32)
         action = spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
         super().__init__(env.environments * len(known), box, action)
@@ -111,7 +118,10 @@ class FeatureRows(_Rows):
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the actions of all rows."""
-        self._actions = np.asarray(actions, dtype=np.float32).reshape(self._actions.shape)
+        wanted = np.asarray(actions, dtype=np.float32)
+        if self._base is not None:
+            wanted = np.clip(self._base(self.shown) + self._share * wanted, -1.0, 1.0)
+        self._actions = wanted.reshape(self._actions.shape)
 
     def step_wait(self) -> VecEnvStepReturn:
         """Fly a decision; every agent of an environment gets the shared reward."""

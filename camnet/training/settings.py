@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -20,8 +20,11 @@ class TrainSettings(Settings):
     generators and environments are set anew from the seed and the chunk's number, and after each a checkpoint is
     kept; so a run that was stopped and went on ends with the same weights as one that was not.
 
-    ``imitation_steps`` decisions of the built-in agent ``teacher`` are imitated first (0: from scratch). PPO's names
-    are those of Schulman et al., "Proximal policy optimization algorithms", 2017.
+    With ``residual_of: learned`` the network's output, times ``residual_scale``, is added to what the built-in agent
+    does (residual policy learning: Silver et al., 2018; Johannink et al., 2019), and ``imitation_steps`` decisions
+    teach the critic alone. With ``residual_of: null`` the network acts by itself: ``imitation_steps`` decisions of
+    the built-in agent ``teacher`` are imitated first (0: from scratch). PPO's names are those of Schulman et al.,
+    "Proximal policy optimization algorithms", 2017.
     """
 
     worlds: tuple[str, ...] = ("quickstart",)
@@ -29,15 +32,17 @@ class TrainSettings(Settings):
     environments: _Count = 64
     max_cycles: _Count = 1200
     estimator: str = "learned"
+    residual_of: Literal["learned"] | None = "learned"
+    residual_scale: Annotated[float, Field(gt=0, le=2)] = 0.3
     teacher: str = "learned"
     imitation_steps: Annotated[int, Field(ge=0)] = 200_000
-    imitation_epochs: _Count = 30
+    imitation_epochs: _Count = 20
     hidden: tuple[_Count, ...] = (64, 64)
     rollout_steps: _Count = 128
     chunk_steps: _Count = 500_000
     minibatch: _Count = 4096
     epochs: _Count = 4
-    learning_rate: Positive = 3e-4
+    learning_rate: Positive = 1e-4
     discount: Fraction = 0.99
     gae_lambda: Fraction = 0.95
     clip: Positive = 0.2

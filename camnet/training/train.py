@@ -16,19 +16,18 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 from camnet import __version__
-from camnet.agents import build_team, save_policy
+from camnet.agents import save_policy
 from camnet.agents.features import FEATURES
 from camnet.agents.policy_file import PolicyHeader, PolicyNet
 from camnet.errors import DataError
-from camnet.training.environments import WorldRows, open_worlds
+from camnet.training.environments import WorldRows, open_worlds, rule_on_rows
 from camnet.training.imitation import as_layers, collect, imitate
-from camnet.training.rows import JoinedRows, Normaliser
+from camnet.training.rows import JoinedRows, Normaliser, Rule
 from camnet.training.settings import TrainSettings
 
 __all__ = ["train"]
@@ -142,25 +141,36 @@ class _Run:
 
     def _imitate(self) -> None:
         s, rng = self.settings, np.random.default_rng([self.seed, 0])
-        shown, wanted = [], []
+        lessons = []
         for world in self.worlds:
             world.rows.seed(_child_seed(self.seed, 0))
-            teacher = _Teacher(s.teacher, world, self.seed)
+            teacher = self._teacher(world)
             count = max(s.imitation_steps, 20_000) // len(self.worlds)
             self.progress(0.0, f"watching {s.teacher} on {world.name}")
-            x, y = collect(world.rows, teacher, count, rng)
-            shown.append(x)
-            wanted.append(y)
-        features, actions = np.concatenate(shown), np.concatenate(wanted)
+            lessons.append(collect(world.rows, teacher, count, s.discount, rng))
+        features = np.concatenate([x.features.reshape(-1, len(FEATURES)) for x in lessons])
+        actions = np.concatenate([x.actions.reshape(len(x.returns.ravel()), -1) for x in lessons])
+        returns = np.concatenate([x.returns.ravel() for x in lessons])
         self._use(Normaliser.of(features))
+        if s.residual_of:
+            _still(self.model)
         if s.imitation_steps:
             self.imitation_error = imitate(
                 self.model,
                 self.normaliser(features),
                 actions,
+                returns,
                 s.imitation_epochs,
                 lambda share: self.progress(0.0, f"imitating {s.teacher}: {share:.0%}"),
             )
+
+    def _teacher(self, world: WorldRows) -> Rule:
+        """Return what is imitated; a policy that adds to a rule starts by adding nothing."""
+        s = self.settings
+        if s.residual_of:
+            return lambda shown: np.zeros((len(shown), world.rows.action_space.shape[0]), dtype=np.float32)
+        known = {context.name: context for context in world.known}
+        return rule_on_rows(s.teacher, known, world.rows.num_envs // len(known), self.seed)
 
     def _use(self, normaliser: Normaliser) -> None:
         self.normaliser = normaliser
@@ -229,7 +239,13 @@ class _Run:
             "steps": self.steps,
             "camnet": __version__,
         }
-        header = PolicyHeader(features=FEATURES, filter_name=self.settings.estimator, training=training)
+        header = PolicyHeader(
+            features=FEATURES,
+            filter_name=self.settings.estimator,
+            residual_of=self.settings.residual_of,
+            residual_scale=self.settings.residual_scale,
+            training=training,
+        )
         return PolicyNet(header, self.normaliser.mean, self.normaliser.scale, weights, biases)
 
 
@@ -237,22 +253,11 @@ def _child_seed(seed: int, chunk: int) -> int:
     return int(np.random.SeedSequence([seed, chunk]).generate_state(1)[0] % 2**31)
 
 
-class _Teacher:
-    """A built-in agent on rows of observations."""
-
-    def __init__(self, name: str, world: WorldRows, seed: int) -> None:
-        names, count = [context.name for context in world.known], world.rows.num_envs // len(world.known)
-        self._names = names
-        known = dict(zip(names, world.known, strict=True))
-        self._teams = [build_team(name, known, seed + k) for k in range(count)]
-
-    def __call__(self, shown: NDArray[np.float32]) -> NDArray[np.float32]:
-        n = len(self._names)
-        rows = []
-        for k, team in enumerate(self._teams):
-            actions = team(dict(zip(self._names, shown[n * k : n * k + n], strict=True)))
-            rows += [actions[name] for name in self._names]
-        return np.asarray(rows, dtype=np.float32)
+def _still(model: PPO) -> None:
+    """Make the policy's mean zero everywhere."""
+    with torch.no_grad():
+        model.policy.action_net.weight.zero_()
+        model.policy.action_net.bias.zero_()
 
 
 class _Meter(BaseCallback):
