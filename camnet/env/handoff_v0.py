@@ -35,6 +35,7 @@ from camnet.env.encode import BeliefEncoder
 from camnet.env.failures import Failures
 from camnet.env.messages import Messages, messages_are_perfect
 from camnet.env.observe import Observer
+from camnet.env.presets import PRESETS
 from camnet.env.rewards import SharedReward
 from camnet.env.settings import EnvSettings
 from camnet.env.state import StateEncoder
@@ -55,7 +56,8 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
 
     Parameters
     ----------
-    world : name of a shipped world, path of a world file or recipe, or a scenario
+    world : name of a shipped world, path of a world file or recipe, a scenario, or an id of `camnet.env.presets`, whose
+        options then are the defaults
     overrides : settings to change, as ``key=value``
     filter_name : the estimator that the observations come from (`camnet.simulation.filters.FILTERS`)
     render_mode : ``None``, ``"rgb_array"`` or ``"human"``
@@ -82,6 +84,9 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
     ) -> None:
         if render_mode not in (None, "rgb_array", "human"):
             raise ConfigError(f"render_mode = {render_mode!r}: give None, 'rgb_array' or 'human'")
+        if isinstance(world, str) and world in PRESETS:
+            options = {**PRESETS[world], **options}
+            world = str(options.pop("world"))
         scenario = world if isinstance(world, Scenario) else load_scenario(world, overrides)
         if not isinstance(scenario, Scenario) or not scenario.agents:
             raise ConfigError(
