@@ -9,7 +9,7 @@ object, holds the interpreter's lock or is shared between rows, so that threads 
     reset(setup, state, row)                                                        start of an episode
     correct(setup, state, row, t_s, p, q, region)                                   a measured world pose
     predict(setup, state, row, t_s)                                                 an instant without one
-    rollout(setup, state, row, dt_s, out)                                           out (K, 8): p, q, radius at dt, 2 dt, ...
+    rollout(setup, state, row, dt_s, out)                                           out (K, 8): path at dt, 2 dt, ...
     estimate(setup, state, row, out)                                                out (16,): see ``ESTIMATE``
 
 ``p`` (3,) and ``q`` (4,) are the measured pose of the target in the world; ``region`` is the index of the camera that
@@ -21,12 +21,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from camnet.batch.estimator_field import dense_weights, field_on_grid, kernels_at, workspace
-from camnet.batch.estimator_gap import learn_gap
+from camnet.batch.estimator_compile import entry, part
+from camnet.batch.estimator_field import Kernels, dense_weights, field_on_grid, kernels_at, workspace
+from camnet.batch.estimator_gap import bridge, path_windows
 from camnet.batch.estimator_layout import (
     ACTIVE,
+    CHANGED,
     CROSSED,
     EXIT,
     GAP,
@@ -47,14 +48,22 @@ from camnet.batch.estimator_layout import (
     EstimatorState,
     P,
     Q,
+    Rules,
     T,
     allocate,
     build_setup,
+    counts_of,
+    inverse_of,
+    model_of,
+    order_of,
+    place_of,
     reset,
+    weights_of,
 )
-from camnet.batch.estimator_learn import interrupt, learn_pose, refresh_prior
-from camnet.batch.estimator_model import activate, settle, step, step_with_feedback
-from camnet.batch.triples import Quaternion, Triple, multiply, rotate, rotate_inverse, turn
+from camnet.batch.estimator_learn import interrupt, next_window, note_pose, refresh_prior
+from camnet.batch.estimator_model import activate, refresh, settle, step
+from camnet.batch.estimator_stack import forget, learn_window, open_books
+from camnet.batch.triples import Quaternion, Triple, multiply, rotate, rotate_inverse, size, turn
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.learning_estimator import MAX_STEP_S
 from camnet.estimation.observation import LOST_PERIODS
@@ -73,7 +82,6 @@ __all__ = [
     "correct",
     "estimate",
     "predict",
-    "radius",
     "reset",
     "rollout",
 ]
@@ -93,55 +101,53 @@ ESTIMATE = {
 # --- results ---------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
-def growth(s: EstimatorState, r: int) -> float:
+@part
+def _growth(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     """Growth of the error radius while unseen, m/s."""
-    j = s.flags[r, MODEL]
-    crossed = min(s.counts[r, j, CROSSED], REMEMBERED_GAPS)
+    j = k[MODEL]
+    crossed = min(counts_of(c, k, j)[CROSSED], REMEMBERED_GAPS)
     if crossed == 0:
-        v = s.pose[r, TWIST : TWIST + 3]
-        return BLIND_SHARE * math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
-    most = 0.0
+        return BLIND_SHARE * size(pose[TWIST], pose[TWIST + 1], pose[TWIST + 2])
+    model, most = model_of(c, k, d, j), 0.0
     for i in range(crossed):
-        most = max(most, s.model[r, j, RATES + i])
+        most = max(most, model[RATES + i])
     return MARGIN * most
 
 
-@njit(cache=True, nogil=True)
-def radius(s: EstimatorState, r: int) -> float:
-    """Empirical error radius of the position now, m; inf before the first measurement."""
-    if s.flags[r, REGION] < 0:
+@part
+def _radius(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
+    if k[REGION] < 0:
         return math.inf
-    base = 3.0 * math.sqrt(s.model[r, s.flags[r, MODEL], MEAN_SQUARE])
-    return base + growth(s, r) * max(0.0, s.pose[r, T] - s.pose[r, LAST_SEEN])
+    base = 3.0 * math.sqrt(model_of(c, k, d, k[MODEL])[MEAN_SQUARE])
+    return base + _growth(c, pose, k, d) * max(0.0, pose[T] - pose[LAST_SEEN])
 
 
-@njit(cache=True, nogil=True)
-def estimate(c: EstimatorSetup, s: EstimatorState, r: int, out: Array) -> int:
+@entry
+def estimate(setup: EstimatorSetup, state: EstimatorState, row: int, out: Array) -> int:
     """Write what is believed now to ``out`` (16,), fields as in ``ESTIMATE``; return the region last seen in or -1.
 
-    Before the first measurement the position is NaN.
+    Before the first measurement the position is NaN and the error radius infinite.
     """
-    pose = s.pose[r]
+    pose, k = state.pose[row], state.flags[row]
     for i in range(3):
         out[i], out[7 + i], out[10 + i] = pose[P + i], pose[TWIST + i], pose[TWIST + 3 + i]
     for i in range(4):
         out[3 + i] = pose[Q + i]
-    out[13], out[14], out[15] = s.flags[r, SEEN], pose[LAST_SEEN], radius(s, r)
-    return int(s.flags[r, REGION])
+    out[13], out[14], out[15] = k[SEEN], pose[LAST_SEEN], _radius(setup.rules, pose, k, state.data[row])
+    return int(k[REGION])
 
 
 # --- motion ----------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
+@part
 def _heading(q: Quaternion) -> tuple[float, float]:
     """Direction of the body's x axis seen from above, not scaled."""
     return 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]), 2.0 * (q[1] * q[2] + q[0] * q[3])
 
 
-@njit(cache=True, nogil=True)
-def _moved(c: EstimatorSetup, p: Triple, twist: Array, dt: float) -> Triple:
+@part
+def _moved(c: Rules, p: Triple, twist: Array, dt: float) -> Triple:
     """Position after ``dt`` at a constant velocity, projected onto the tracking bounds."""
     low, high = c.low, c.high
     return (
@@ -151,7 +157,7 @@ def _moved(c: EstimatorSetup, p: Triple, twist: Array, dt: float) -> Triple:
     )
 
 
-@njit(cache=True, nogil=True)
+@part
 def _turned(q: Quaternion, twist: Array, dt: float) -> Quaternion:
     """Orientation after ``dt`` at a constant body rate."""
     a = multiply(q, turn(dt * twist[3], dt * twist[4], dt * twist[5]))
@@ -159,7 +165,7 @@ def _turned(q: Quaternion, twist: Array, dt: float) -> Quaternion:
     return a[0] / n, a[1] / n, a[2] / n, a[3] / n
 
 
-@njit(cache=True, nogil=True)
+@part
 def _blend(field: Array, prior: Array, use_prior: bool, twist: Array) -> float:
     """Write the twist (6,) of the field W^T sigma (8,) and the prior; return the support u."""
     support = min(1.0, max(0.0, field[UNIT]))
@@ -169,9 +175,9 @@ def _blend(field: Array, prior: Array, use_prior: bool, twist: Array) -> float:
     return support
 
 
-@njit(cache=True, nogil=True)
+@part
 def _carry_prior(
-    c: EstimatorSetup, prior: Array, q: Quaternion, twist: Array, share: float, fade: float, dt: float
+    c: Rules, prior: Array, q: Quaternion, twist: Array, share: float, fade: float, dt: float
 ) -> None:
     """Advance the prior mean: it turns with the body, forgets its turn, and follows the learned motion."""
     if c.prior == 2:
@@ -184,11 +190,12 @@ def _carry_prior(
         prior[i] += share * (twist[i] - prior[i])
 
 
-@njit(cache=True, nogil=True)
+@part
 def _field(
-    c: EstimatorSetup,
-    s: EstimatorState,
-    r: int,
+    kernels: Kernels,
+    c: Rules,
+    k: IntArray,
+    d: Array,
     j: int,
     p: Triple,
     q: Quaternion,
@@ -199,154 +206,198 @@ def _field(
 ) -> None:
     """Write W^T sigma (8,) at a pose to ``out``, from the active weights."""
     hx, hy = _heading(q)
-    count = kernels_at(c.kernels, p[0], p[1], hx, hy, index, sigma, work)
-    active = 0
+    count = kernels_at(kernels, p[0], p[1], hx, hy, index, sigma, work)
+    places, active = place_of(c, k, j), 0
     for m in range(count):
-        place = s.place[r, j, index[m]]
+        place = places[index[m]]
         if place >= 0:
             index[active], sigma[active] = place, sigma[m]
             active += 1
-    picked_rows(sigma, index, active, s.weights[r, j], out)
+    picked_rows(sigma, index, active, weights_of(c, k, d, j), out)
 
 
-@njit(cache=True, nogil=True)
-def _advance(c: EstimatorSetup, s: EstimatorState, r: int, t: float) -> None:
-    """Motion without feedback up to ``t``, and the weights on their stack alone."""
-    pose, j = s.pose[r], s.flags[r, MODEL]
-    duration = t - pose[T]
-    if duration <= 0.0:
-        return
-    refresh_prior(s, r)
-    steps = math.ceil(duration / MAX_STEP_S)
-    dt = duration / steps
-    kernels = len(c.kernels.centres)
-    index, sigma, work = np.empty(kernels, dtype=np.int64), np.empty(kernels), workspace(c.kernels)
-    field, prior, twist = np.empty(COLUMNS), pose[PRIOR : PRIOR + 6], pose[TWIST : TWIST + 6]
+@part
+def _integrate(
+    kernels: Kernels,
+    c: Rules,
+    k: IntArray,
+    d: Array,
+    pose: Array,
+    dt_out: float,
+    substeps: int,
+    grid: bool,
+    out: Array,
+    count: int,
+) -> None:
+    """Integrate the predictor over ``count`` intervals of ``dt_out`` in midpoint steps; ``pose`` changes in place.
+
+    ``out`` (count, 8) takes the pose after each interval, if it has as many rows. With ``grid`` the weights are spread
+    over the kernels' grid first, which pays for many steps.
+    """
+    j, dt = k[MODEL], dt_out / substeps
+    index = np.empty(c.size + 2 * kernels.number.shape[0], dtype=np.int64)
+    sigma, work, box = np.empty(c.size), workspace(kernels), (0.0, 0.0, 0.0, 0.0)
+    dense = np.empty(COLUMNS * kernels.number.size if grid else 0)
+    if grid:
+        active, weights = counts_of(c, k, j)[ACTIVE], weights_of(c, k, d, j)
+        box = dense_weights(kernels, order_of(c, k, j), active, weights, dense, index)
+    field, prior, twist = np.empty(COLUMNS), pose[PRIOR:], pose[TWIST:]
     fade, follow = math.exp(-dt / c.turn_memory_s), -math.expm1(-dt / c.handover_s)
     p = (pose[P], pose[P + 1], pose[P + 2])
     q = (pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3])
-    for _ in range(steps):
-        _field(c, s, r, j, p, q, index, sigma, work, field)
-        _blend(field, prior, c.prior > 0, twist)
-        p_mid, q_mid = _moved(c, p, twist, 0.5 * dt), _turned(q, twist, 0.5 * dt)
-        _field(c, s, r, j, p_mid, q_mid, index, sigma, work, field)
-        support = _blend(field, prior, c.prior > 0, twist)
-        _carry_prior(c, prior, q, twist, support * follow, fade, dt)
-        p, q = _moved(c, p, twist, dt), _turned(q, twist, dt)
-    for i in range(3):
-        pose[P + i] = p[i]
-    for i in range(4):
-        pose[Q + i] = q[i]
+    support = 0.0
+    for i in range(count):
+        for _ in range(substeps):
+            p_at, q_at = p, q
+            for half in range(2):
+                if grid:
+                    field_on_grid(kernels, dense, index, box, p_at[0], p_at[1], work, field)
+                else:
+                    _field(kernels, c, k, d, j, p_at, q_at, index, sigma, work, field)
+                support = _blend(field, prior, c.prior > 0, twist)
+                if half == 0:
+                    p_at = _moved(c, p, twist, 0.5 * dt)
+                    if not grid:
+                        q_at = _turned(q, twist, 0.5 * dt)
+            _carry_prior(c, prior, q, twist, support * follow, fade, dt)
+            p, q = _moved(c, p, twist, dt), _turned(q, twist, dt)
+        if len(out) == count:
+            out[i, 0], out[i, 1], out[i, 2] = p
+            out[i, 3], out[i, 4], out[i, 5], out[i, 6] = q
+    pose[P], pose[P + 1], pose[P + 2] = p
+    pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3] = q
+
+
+@part
+def _advance(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, t: float) -> None:
+    """Motion without feedback up to ``t``, and the weights on their stack alone."""
+    duration, j = t - pose[T], k[MODEL]
+    if duration <= 0.0:
+        return
+    refresh_prior(c, pose, k, d)
+    steps = math.ceil(duration / MAX_STEP_S)
+    _integrate(kernels, c, k, d, pose, duration, steps, False, np.empty((0, 8)), 1)
     pose[T] = t
-    for _ in range(_due_steps(c, s, r, duration)):
-        step(c, s, r, j)
+    nothing = np.empty(0)
+    for _ in range(_due_steps(c, pose, duration)):
+        step(c, k, d, j, inverse_of(c, k, d, j), c.dt_s * c.gamma, k, nothing, 0, nothing)
 
 
-@njit(cache=True, nogil=True)
-def _due_steps(c: EstimatorSetup, s: EstimatorState, r: int, duration: float) -> int:
+@part
+def _due_steps(c: Rules, pose: Array, duration: float) -> int:
     """Count the nominal weight steps that have fallen due."""
-    s.pose[r, OWED] += duration
-    steps = int(s.pose[r, OWED] / c.dt_s + 0.5)
-    s.pose[r, OWED] -= steps * c.dt_s
+    pose[OWED] += duration
+    steps = int(pose[OWED] / c.dt_s + 0.5)
+    pose[OWED] -= steps * c.dt_s
     return steps
 
 
-@njit(cache=True, nogil=True)
-def rollout(c: EstimatorSetup, s: EstimatorState, r: int, dt_s: float, out: Array) -> None:
+@entry
+def rollout(setup: EstimatorSetup, state: EstimatorState, row: int, dt_s: float, out: Array) -> None:
     """Future path if no measurement came any more: ``out`` (K, 8) takes p, q and radius at dt, 2 dt, ... from now.
 
     What is believed does not change. Before the first measurement positions are NaN and the radius is infinite.
     """
-    pose, count = s.pose[r], len(out)
-    if s.flags[r, REGION] < 0:
-        out[:, 0:3], out[:, 3:7], out[:, 7] = math.nan, pose[Q : Q + 4], math.inf
+    pose, k, d = state.pose[row], state.flags[row], state.data[row]
+    if k[REGION] < 0:
+        for i in range(len(out)):
+            out[i, 0], out[i, 1], out[i, 2], out[i, 7] = math.nan, math.nan, math.nan, math.inf
+            out[i, 3], out[i, 4], out[i, 5], out[i, 6] = pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3]
         return
-    refresh_prior(s, r)
-    j = s.flags[r, MODEL]
+    c = setup.rules
+    refresh_prior(c, pose, k, d)
+    start, rate = _radius(c, pose, k, d), _growth(c, pose, k, d)
     substeps = max(1, math.ceil(dt_s / (4.0 * MAX_STEP_S)))
-    dt = dt_s / substeps
-    prior, twist, field = pose[PRIOR : PRIOR + 6].copy(), np.zeros(6), np.empty(COLUMNS)
-    fade, follow = math.exp(-dt / c.turn_memory_s), -math.expm1(-dt / c.handover_s)
-    p = (pose[P], pose[P + 1], pose[P + 2])
-    q = (pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3])
-    start, speed = radius(s, r), growth(s, r)
-    kernels = len(c.kernels.centres)
-    index, sigma, work = np.empty(kernels, dtype=np.int64), np.empty(kernels), workspace(c.kernels)
-    grid = c.kernels.on_grid
-    dense, ranges = np.empty((0, COLUMNS)), np.empty((0, 2), dtype=np.int64)
-    if grid:
-        dense, ranges = dense_weights(c.kernels, s.order[r, j], s.counts[r, j, ACTIVE], s.weights[r, j])
-    for k in range(count):
-        for _ in range(substeps):
-            if grid:
-                field_on_grid(c.kernels, dense, ranges, p[0], p[1], work, field)
-            else:
-                _field(c, s, r, j, p, q, index, sigma, work, field)
-            _blend(field, prior, c.prior > 0, twist)
-            p_mid = _moved(c, p, twist, 0.5 * dt)
-            if grid:
-                field_on_grid(c.kernels, dense, ranges, p_mid[0], p_mid[1], work, field)
-            else:
-                _field(c, s, r, j, p_mid, _turned(q, twist, 0.5 * dt), index, sigma, work, field)
-            support = _blend(field, prior, c.prior > 0, twist)
-            _carry_prior(c, prior, q, twist, support * follow, fade, dt)
-            p, q = _moved(c, p, twist, dt), _turned(q, twist, dt)
-        out[k, 0], out[k, 1], out[k, 2] = p
-        out[k, 3], out[k, 4], out[k, 5], out[k, 6] = q
-        out[k, 7] = start + speed * dt_s * (k + 1)
+    grid, kernels = setup.kernels.on_grid, setup.kernels
+    _integrate(kernels, c, k, d, pose.copy(), dt_s, substeps, grid, out, len(out))
+    for i in range(len(out)):
+        out[i, 7] = start + rate * (dt_s * (i + 1))
 
 
 # --- advancing -------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
-def predict(c: EstimatorSetup, s: EstimatorState, r: int, t_s: float) -> None:
-    """Advance row ``r`` to ``t_s`` without a measurement; nothing happens before the first one."""
-    if s.flags[r, REGION] < 0 or t_s <= s.pose[r, T]:
+@entry
+def predict(setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float) -> None:
+    """Advance ``row`` to ``t_s`` without a measurement; nothing happens before the first one."""
+    c, pose, k, d = setup.rules, state.pose[row], state.flags[row], state.data[row]
+    if k[REGION] < 0 or t_s <= pose[T]:
         return
-    if s.flags[r, SEEN] and t_s - s.pose[r, LAST_SEEN] > LOST_PERIODS * c.dt_s:
-        _lose(s, r)
-    _advance(c, s, r, t_s)
+    if k[SEEN] and t_s - pose[LAST_SEEN] > LOST_PERIODS * c.dt_s:
+        k[SEEN] = 0
+        interrupt(c, pose, k, d, pose[LAST_SEEN])
+    _advance(setup.kernels, c, pose, k, d, t_s)
 
 
-@njit(cache=True, nogil=True)
+@entry
 def correct(
-    c: EstimatorSetup, s: EstimatorState, r: int, t_s: float, p: Array, q: Array, region: int
+    setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float, p: Array, q: Array, region: int
 ) -> None:
-    """Advance row ``r`` to ``t_s`` with a measured world pose p (3,), q (4,) in force; the first call initialises."""
-    pose, flags = s.pose[r], s.flags[r]
+    """Advance ``row`` to ``t_s`` with a measured world pose p (3,), q (4,) in force; the first call initialises."""
+    kernels, c = setup.kernels, setup.rules
+    pose, k, d = state.pose[row], state.flags[row], state.data[row]
     j = 0 if c.models == 1 else region
-    t, at, measured = t_s, p.copy(), q.copy()
-    if flags[REGION] >= 0 and t < pose[T]:
+    first = k[REGION] < 0
+    t = t_s if first else max(t_s, pose[T])
+    at, measured = np.empty(3), np.empty(4)
+    for i in range(3):
+        at[i] = p[i] + (t - t_s) * pose[TWIST + i]
+    for i in range(4):
+        measured[i] = q[i]
+    known = not first and t - pose[LAST_SEEN] <= LOST_PERIODS * c.dt_s and j == k[MODEL]
+    if not (first or known):
+        if k[SEEN] and t - pose[LAST_SEEN] > LOST_PERIODS * c.dt_s:
+            k[SEEN] = 0
+            interrupt(c, pose, k, d, pose[LAST_SEEN])
+        _advance(kernels, c, pose, k, d, t)
+        _resight(c, pose, k, d, t, at, j)
+    if not first:
+        _align(measured, pose[Q:])
+    if first or (not known and c.reset_on_sighting):
         for i in range(3):
-            at[i] += (pose[T] - t) * pose[TWIST + i]
-        t = pose[T]
-    kernels = len(c.kernels.centres)
-    index, sigma = np.empty(kernels, dtype=np.int64), np.empty(kernels)
-    first = flags[REGION] < 0
-    lost = not first and t - pose[LAST_SEEN] > LOST_PERIODS * c.dt_s
-    if first or lost or j != flags[MODEL]:
-        if first:
-            for i in range(3):
-                pose[P + i] = at[i]
-            for i in range(4):
-                pose[Q + i] = measured[i]
-            pose[T] = t
-        else:
-            _resight(c, s, r, t, at, measured, j)
-        flags[MODEL] = j
-        count = _active_sigma(c, s, r, j, at, measured, index, sigma)
-    else:
-        _align(measured, pose[Q : Q + 4])
-        count = _active_sigma(c, s, r, j, at, measured, index, sigma)
-        _correct_seen(c, s, r, j, t, at, measured, index, sigma, count)
-    flags[REGION], flags[SEEN] = region, 1
-    pose[LAST_SEEN], pose[T] = t, t
-    learn_pose(c, s, r, t, at, measured, index, sigma, count)
-    learn_gap(c, s, r, t)
+            pose[P + i] = at[i]
+        for i in range(4):
+            pose[Q + i] = measured[i]
+    k[MODEL] = j
+    index, sigma = np.empty(c.size, dtype=np.int64), np.empty(c.size)
+    count = _active_sigma(kernels, c, k, d, j, at, measured, index, sigma)
+    if known:
+        _correct_seen(c, pose, k, d, t, at, measured, index, sigma, count)
+    k[REGION], k[SEEN], pose[LAST_SEEN], pose[T] = region, 1, t, t
+    complete = note_pose(c, k, d, t, at, measured, index, sigma, count)
+    for across in range(2):
+        if (across == 0 and complete) or (across == 1 and k[GAP_MODEL] >= 0):
+            _learn(kernels, c, pose, k, d, across)
 
 
-@njit(cache=True, nogil=True)
+@part
+def _learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, across: int) -> None:
+    """Offer the window that is complete (``across`` 0), or those of the path across the gap (1), to their stack.
+
+    After a change of the target's ways, what contradicts them goes first.
+    """
+    j, windows, before, enter = k[MODEL], 1, math.inf, True
+    end = np.empty(14)
+    if across:
+        j, before = k[GAP_MODEL], pose[GAP]
+        windows = path_windows(c, pose, k, d, end)
+    rows, increments, weights = np.zeros((windows, c.size)), np.zeros((windows, COLUMNS)), np.ones(windows)
+    if not across:
+        enter = next_window(c, k, d, pose[T], rows[0], increments[0])
+        before = model_of(c, k, d, j)[CHANGED]
+    elif windows > 0 and not bridge(kernels, c, k, d, j, pose[GAP:], end, windows, rows, increments, weights):
+        before = math.inf
+    if not enter:
+        return
+    for i in range(windows if c.forgetting and math.isfinite(before) else 0):
+        forget(c, k, d, j, rows[i], before)
+    for i in range(windows):
+        open_books(c, k, d, j)
+        learn_window(c, k, d, j, pose[T], rows[i], increments[i], weights[i])
+    refresh(c, k, d, j)
+
+
+@part
 def _align(q: Array, reference: Array) -> None:
     """Give ``q`` the sign that is closer to ``reference``."""
     if q[0] * reference[0] + q[1] * reference[1] + q[2] * reference[2] + q[3] * reference[3] < 0.0:
@@ -354,11 +405,12 @@ def _align(q: Array, reference: Array) -> None:
             q[i] = -q[i]
 
 
-@njit(cache=True, nogil=True)
+@part
 def _active_sigma(
-    c: EstimatorSetup,
-    s: EstimatorState,
-    r: int,
+    kernels: Kernels,
+    c: Rules,
+    k: IntArray,
+    d: Array,
     j: int,
     p: Array,
     q: Array,
@@ -367,66 +419,42 @@ def _active_sigma(
 ) -> int:
     """Write places and sigma of the kernels in reach of a measured pose, all of them active from now on."""
     hx, hy = _heading((q[0], q[1], q[2], q[3]))
-    count = kernels_at(c.kernels, p[0], p[1], hx, hy, index, sigma, workspace(c.kernels))
+    count = kernels_at(kernels, p[0], p[1], hx, hy, index, sigma, workspace(kernels))
+    places = place_of(c, k, j)
     for m in range(count):
-        place = s.place[r, j, index[m]]
-        index[m] = place if place >= 0 else activate(c, s, r, j, index[m])
+        place = places[index[m]]
+        index[m] = place if place >= 0 else activate(c, k, d, j, index[m])
     return count
 
 
-@njit(cache=True, nogil=True)
-def _lose(s: EstimatorState, r: int) -> None:
-    """Note that the target has become unseen, and how it left."""
-    s.flags[r, SEEN] = 0
-    interrupt(s, r, s.pose[r, LAST_SEEN])
-
-
-@njit(cache=True, nogil=True)
-def _resight(c: EstimatorSetup, s: EstimatorState, r: int, t: float, p: Array, q: Array, j: int) -> None:
-    """Take the target up again, after a gap or handed over without one, with model ``j``."""
-    pose, flags = s.pose[r], s.flags[r]
-    if flags[SEEN] and t - pose[LAST_SEEN] > LOST_PERIODS * c.dt_s:
-        _lose(s, r)
-    old = flags[MODEL]
-    _advance(c, s, r, t)
-    if flags[SEEN]:
-        interrupt(s, r, pose[LAST_SEEN])
-        flags[HAS_EXIT] = 0
+@part
+def _resight(c: Rules, pose: Array, k: IntArray, d: Array, t: float, p: Array, j: int) -> None:
+    """Take the target up again at ``p``, after a gap or handed over without one, with model ``j``."""
+    old, duration = k[MODEL], t - pose[LAST_SEEN]
+    if k[SEEN]:
+        interrupt(c, pose, k, d, pose[LAST_SEEN])
     else:
-        miss = math.sqrt((p[0] - pose[P]) ** 2 + (p[1] - pose[P + 1]) ** 2 + (p[2] - pose[P + 2]) ** 2)
-        _crossed(s, r, old, miss, t - pose[LAST_SEEN])
-        if c.learn_across and flags[HAS_EXIT]:
-            flags[GAP_MODEL] = old
+        if duration > 0.0:
+            counts, slot = counts_of(c, k, old), RATES + counts_of(c, k, old)[CROSSED] % REMEMBERED_GAPS
+            miss = size(p[0] - pose[P], p[1] - pose[P + 1], p[2] - pose[P + 2])
+            model_of(c, k, d, old)[slot] = miss / duration
+            counts[CROSSED] += 1
+        if c.learn_across and k[HAS_EXIT]:
+            k[GAP_MODEL], pose[GAP_ENTRY] = old, t
             for i in range(14):
                 pose[GAP + i] = pose[EXIT + i]
-            pose[GAP_ENTRY] = t
     if j != old:
-        s.model[r, old, LAST_IN_FORCE] = t
-        settle(c, s, r, j, t - s.model[r, j, LAST_IN_FORCE])
+        model_of(c, k, d, old)[LAST_IN_FORCE] = t
+        settle(c, k, d, j, t - model_of(c, k, d, j)[LAST_IN_FORCE])
     pose[OWED] = 0.0
-    if c.reset_on_sighting:
-        for i in range(3):
-            pose[P + i] = p[i]
-        _align(q, pose[Q : Q + 4])
-        for i in range(4):
-            pose[Q + i] = q[i]
 
 
-@njit(cache=True, nogil=True)
-def _crossed(s: EstimatorState, r: int, j: int, residual_m: float, duration_s: float) -> None:
-    """At a re-sighting after ``duration_s`` the prediction was wrong by ``residual_m``."""
-    if duration_s > 0.0:
-        slot = s.counts[r, j, CROSSED] % REMEMBERED_GAPS
-        s.model[r, j, RATES + slot] = residual_m / duration_s
-        s.counts[r, j, CROSSED] += 1
-
-
-@njit(cache=True, nogil=True)
+@part
 def _correct_seen(
-    c: EstimatorSetup,
-    s: EstimatorState,
-    r: int,
-    j: int,
+    c: Rules,
+    pose: Array,
+    k: IntArray,
+    d: Array,
     t: float,
     p: Array,
     q: Array,
@@ -435,27 +463,21 @@ def _correct_seen(
     count: int,
 ) -> None:
     """In view: the model's rates at the measured pose, then the feedback, then the weights."""
-    pose = s.pose[r]
-    duration = t - pose[T]
+    j, duration = k[MODEL], t - pose[T]
     field, error = np.empty(COLUMNS), np.empty(COLUMNS)
-    picked_rows(sigma, index, count, s.weights[r, j], field)
+    picked_rows(sigma, index, count, weights_of(c, k, d, j), field)
     if c.prior > 0 and field[UNIT] < 1.0:
-        refresh_prior(s, r)
-    twist = pose[TWIST : TWIST + 6]
-    _blend(field, pose[PRIOR : PRIOR + 6], c.prior > 0, twist)
-    residual = _feedback(c, pose, twist, duration, p, q, error)
-    s.model[r, j, MEAN_SQUARE] += (residual**2 - s.model[r, j, MEAN_SQUARE]) / MEMORY
-    for i in range(_due_steps(c, s, r, duration)):
-        if i == 0:
-            step_with_feedback(c, s, r, j, index, sigma, count, error)
-        else:
-            step(c, s, r, j)
+        refresh_prior(c, pose, k, d)
+    twist, model = pose[TWIST:], model_of(c, k, d, j)
+    _blend(field, pose[PRIOR:], c.prior > 0, twist)
+    residual, inverse = _feedback(c, pose, twist, duration, p, q, error), inverse_of(c, k, d, j)
+    model[MEAN_SQUARE] += (residual**2 - model[MEAN_SQUARE]) / MEMORY
+    for i in range(_due_steps(c, pose, duration)):
+        step(c, k, d, j, inverse, c.dt_s * c.gamma, index, sigma, count if i == 0 else 0, error)
 
 
-@njit(cache=True, nogil=True)
-def _feedback(
-    c: EstimatorSetup, pose: Array, twist: Array, dt: float, p: Array, q: Array, error: Array
-) -> float:
+@part
+def _feedback(c: Rules, pose: Array, twist: Array, dt: float, p: Array, q: Array, error: Array) -> float:
     """Advance the pose by ``dt`` with feedback: `measured_step`, `correct_pose`, `output_error`; the residual, m."""
     now = (pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3])
     d = multiply(now, (0.0, twist[3], twist[4], twist[5]))
@@ -484,7 +506,7 @@ def _feedback(
     return math.sqrt(square)
 
 
-@njit(cache=True, nogil=True)
+@part
 def _turn_error(aligned: Quaternion, moved: Quaternion, error: Array) -> None:
     """Write the orientation's part of G^T eta_til to ``error`` (8,): 1/2 B^T of the quaternions' difference."""
     q = aligned

@@ -11,10 +11,10 @@ so a pose takes four exponentials in place of one for each kernel in reach. The 
 
 | symbol | name | shape | unit |
 | --- | --- | --- | --- |
-| c | ``columns``, ``lines``: coordinates of the grid's columns (x) and lines (y) | (nx,), (ny,) | m |
+| c | first in ``lattice``: coordinates of the grid's columns (x), then of its lines (y) | (nx + ny,) | m |
 | a | ``precision_x``, ``precision_y`` | - | 1/m^2 |
 | h | ``spacing`` | - | m |
-| exp(-1/2 a i^2 h^2) | ``falloff``: of columns and of lines | (2, reach + 1) | - |
+| exp(-1/2 a i^2 h^2) | then in ``lattice``: of columns, of lines | (2 (reach + 1),) | - |
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from camnet.batch.estimator_compile import part
 from camnet.estimation.basis import CUTOFF, RbfBasis
 from camnet.estimation.vector_rows import running_rows
 from camnet.types import Array, IntArray
@@ -39,15 +39,13 @@ class Kernels(NamedTuple):
     precision: Array
     heading_scale_m: float
     on_grid: bool
-    columns: Array
-    lines: Array
+    lattice: Array
     number: IntArray
     precision_x: float
     precision_y: float
     spacing_x: float
     spacing_y: float
     reach: int
-    falloff: Array
 
 
 def _axis(values: Array) -> tuple[Array, float] | None:
@@ -68,25 +66,12 @@ def _axis(values: Array) -> tuple[Array, float] | None:
 def pack_kernels(basis: RbfBasis) -> Kernels:
     """Kernels of ``basis`` for the loops, with their grid if they lie on one."""
     grid = _grid(basis) if basis.centres.shape[1] == 2 else None
-    if grid is None:
-        none = np.zeros(0)
-        empty = np.zeros((0, 0), dtype=np.int64)
-        return Kernels(
-            basis.centres,
-            basis.precision,
-            basis.heading_scale_m,
-            False,
-            none,
-            none,
-            empty,
-            1.0,
-            1.0,
-            1.0,
-            1.0,
-            0,
-            np.zeros((2, 1)),
-        )
-    return grid
+    if grid is not None:
+        return grid
+    none = np.zeros((0, 0), dtype=np.int64)
+    return Kernels(
+        basis.centres, basis.precision, basis.heading_scale_m, False, np.zeros(1), none, 1.0, 1.0, 1.0, 1.0, 0
+    )
 
 
 def _grid(basis: RbfBasis) -> Kernels | None:
@@ -106,68 +91,69 @@ def _grid(basis: RbfBasis) -> Kernels | None:
     ax, ay = float(precision[0, 0, 0]), float(precision[0, 1, 1])
     reach = 1 + math.ceil(max(math.sqrt(CUTOFF / ax) / dx, math.sqrt(CUTOFF / ay) / dy))
     steps = np.arange(reach + 1)
-    falloff = np.exp(-0.5 * np.stack((ax * (steps * dx) ** 2, ay * (steps * dy) ** 2)))
+    falloff_x = np.exp(-0.5 * ax * (steps * dx) ** 2)
+    falloff_y = np.exp(-0.5 * ay * (steps * dy) ** 2)
+    lattice = np.concatenate((columns, lines, falloff_x, falloff_y))
     return Kernels(
-        basis.centres,
-        precision,
-        basis.heading_scale_m,
-        True,
-        columns,
-        lines,
-        number,
-        ax,
-        ay,
-        dx,
-        dy,
-        reach,
-        falloff,
+        basis.centres, precision, basis.heading_scale_m, True, lattice, number, ax, ay, dx, dy, reach
     )
 
 
-@njit(cache=True, nogil=True)
+@part
 def workspace(k: Kernels) -> Array:
     """Room for the factors of one pose: squared distances and factors of columns, then of lines."""
-    return np.empty((4, 2 * k.reach + 1))
+    return np.empty(4 * (2 * k.reach + 1))
 
 
-@njit(cache=True, nogil=True)
+@part
 def _factors(
     x: float,
+    n: int,
     coordinates: Array,
+    falloff: Array,
     spacing: float,
     precision: float,
     reach: int,
-    falloff: Array,
-    squares: Array,
-    factors: Array,
+    out: Array,
 ) -> tuple[int, int]:
-    """Write squared distances and factors of the coordinates in reach of ``x``; return the range (first, after)."""
+    """Write squared distances, then factors, of the ``n`` coordinates in reach of ``x``; return the range of these."""
     nearest = math.floor((x - coordinates[0]) / spacing + 0.5)
-    n = len(coordinates)
     if not (-reach <= nearest < n + reach):
         return 0, 0
     first, after = max(0, nearest - reach), min(n, nearest + reach + 1)
     d = x - (coordinates[0] + nearest * spacing)
-    here = math.exp(-0.5 * precision * d * d)
     up = math.exp(precision * d * spacing)
     down = 1.0 / up
-    part = here
-    for i in range(nearest, after):
-        if i >= first:
-            factors[i - first] = part * falloff[i - nearest]
-        part *= up
-    part = here
-    for i in range(nearest - 1, first - 1, -1):
-        part *= down
-        if i < after:
-            factors[i - first] = part * falloff[nearest - i]
-    for i in range(first, after):
-        e = x - coordinates[i]
-        squares[i - first] = e * e * precision
+    right = math.exp(-0.5 * precision * d * d)
+    left = right
+    factors = out[2 * reach + 1 :]
+    middle = nearest - first
+    for i in range(reach + 1):
+        if 0 <= middle + i < after - first:
+            factors[middle + i] = right * falloff[i]
+        if 0 <= middle - i < after - first:
+            factors[middle - i] = left * falloff[i]
+        right *= up
+        left *= down
+    for i in range(after - first):
+        e = x - coordinates[first + i]
+        out[i] = e * e * precision
     return first, after
 
 
-@njit(cache=True, nogil=True)
+@part
+def _both_factors(k: Kernels, x: float, y: float, work: Array) -> tuple[int, int, int, int]:
+    """Do so for columns and lines: ranges of columns and of lines."""
+    nx, ny = k.number.shape
+    half, falloff = 2 * (2 * k.reach + 1), k.lattice[nx + ny :]
+    c0, c1 = _factors(x, nx, k.lattice, falloff, k.spacing_x, k.precision_x, k.reach, work)
+    l0, l1 = _factors(
+        y, ny, k.lattice[nx:], falloff[k.reach + 1 :], k.spacing_y, k.precision_y, k.reach, work[half:]
+    )
+    return c0, c1, l0, l1
+
+
+@part
 def kernels_at(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array, work: Array
 ) -> int:
@@ -175,20 +161,20 @@ def kernels_at(
     count = 0
     if not k.on_grid:
         return _kernels_anywhere(k, x, y, hx, hy, index, sigma)
-    c0, c1 = _factors(x, k.columns, k.spacing_x, k.precision_x, k.reach, k.falloff[0], work[0], work[1])
-    l0, l1 = _factors(y, k.lines, k.spacing_y, k.precision_y, k.reach, k.falloff[1], work[2], work[3])
-    for i in range(c0, c1):
-        for j in range(l0, l1):
-            if work[0, i - c0] + work[2, j - l0] < CUTOFF:
-                number = k.number[i, j]
-                if number >= 0:
-                    index[count] = number
-                    sigma[count] = work[1, i - c0] * work[3, j - l0]
-                    count += 1
+    c0, c1, l0, l1 = _both_factors(k, x, y, work)
+    n = 2 * k.reach + 1
+    for i in range(c1 - c0):
+        numbers = k.number[c0 + i]
+        for j in range(l1 - l0):
+            number = numbers[l0 + j]
+            if number >= 0 and work[i] + work[2 * n + j] < CUTOFF:
+                index[count] = number
+                sigma[count] = work[n + i] * work[3 * n + j]
+                count += 1
     return count
 
 
-@njit(cache=True, nogil=True)
+@part
 def _kernels_anywhere(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array
 ) -> int:
@@ -213,40 +199,61 @@ def _kernels_anywhere(
     return count
 
 
-@njit(cache=True, nogil=True)
-def dense_weights(k: Kernels, order: IntArray, n: int, weights: Array) -> tuple[Array, IntArray]:
-    """Weights (nx ny, 8) on the whole grid, zero where no active kernel is, and each column's range (nx, 2) of them."""
+@part
+def dense_weights(
+    k: Kernels, order: IntArray, n: int, weights: Array, dense: Array, ranges: IntArray
+) -> tuple[float, float, float, float]:
+    """Write the weights of ``n`` active kernels to their places on the grid, and where in each column they are.
+
+    ``dense`` (8 nx ny,) is zero where no active kernel is; ``ranges`` (2 nx,) takes first and after of each column.
+    Returns the box (x0, x1, y0, y1) beyond which all of these kernels are cut off.
+    """
     nx, ny = k.number.shape
-    dense = np.zeros((nx * ny, 8))
-    ranges = np.zeros((nx, 2), dtype=np.int64)
-    ranges[:, 0] = ny
+    for i in range(len(dense)):
+        dense[i] = 0.0
+    for i in range(nx):
+        ranges[2 * i], ranges[2 * i + 1] = ny, 0
+    x0, x1, y0, y1 = math.inf, -math.inf, math.inf, -math.inf
     for a in range(n):
         m = order[a]
-        i = int(math.floor((k.centres[m, 0] - k.columns[0]) / k.spacing_x + 0.5))
-        j = int(math.floor((k.centres[m, 1] - k.lines[0]) / k.spacing_y + 0.5))
+        x0, x1 = min(x0, k.centres[m, 0]), max(x1, k.centres[m, 0])
+        y0, y1 = min(y0, k.centres[m, 1]), max(y1, k.centres[m, 1])
+        i = math.floor((k.centres[m, 0] - k.lattice[0]) / k.spacing_x + 0.5)
+        j = math.floor((k.centres[m, 1] - k.lattice[nx]) / k.spacing_y + 0.5)
         for o in range(8):
-            dense[i * ny + j, o] = weights[a, o]
-        ranges[i, 0] = min(ranges[i, 0], j)
-        ranges[i, 1] = max(ranges[i, 1], j + 1)
-    return dense, ranges
+            dense[8 * (i * ny + j) + o] = weights[8 * a + o]
+        ranges[2 * i] = min(ranges[2 * i], j)
+        ranges[2 * i + 1] = max(ranges[2 * i + 1], j + 1)
+    # a little more than the cut-off, which is decided kernel by kernel
+    rx, ry = 1.001 * math.sqrt(CUTOFF / k.precision_x), 1.001 * math.sqrt(CUTOFF / k.precision_y)
+    return x0 - rx, x1 + rx, y0 - ry, y1 + ry
 
 
-@njit(cache=True, nogil=True)
+@part
 def field_on_grid(
-    k: Kernels, dense: Array, ranges: IntArray, x: float, y: float, work: Array, out: Array
+    k: Kernels,
+    dense: Array,
+    ranges: IntArray,
+    box: tuple[float, float, float, float],
+    x: float,
+    y: float,
+    work: Array,
+    out: Array,
 ) -> None:
-    """Write W^T sigma (8,) at (x, y) to ``out``; weights from `dense_weights`."""
+    """Write W^T sigma (8,) at (x, y) to ``out``; weights, ranges and box from `dense_weights`."""
     for o in range(8):
         out[o] = 0.0
-    c0, c1 = _factors(x, k.columns, k.spacing_x, k.precision_x, k.reach, k.falloff[0], work[0], work[1])
-    l0, l1 = _factors(y, k.lines, k.spacing_y, k.precision_y, k.reach, k.falloff[1], work[2], work[3])
-    ny = k.number.shape[1]
-    for i in range(c0, c1):
-        first, after = max(l0, ranges[i, 0]), min(l1, ranges[i, 1])
-        square = work[0, i - c0]
-        while first < after and square + work[2, first - l0] >= CUTOFF:
+    if not (box[0] < x < box[1] and box[2] < y < box[3]):
+        return
+    c0, c1, l0, l1 = _both_factors(k, x, y, work)
+    n, ny = 2 * k.reach + 1, k.number.shape[1]
+    for i in range(c1 - c0):
+        first, after = max(l0, ranges[2 * (c0 + i)]) - l0, min(l1, ranges[2 * (c0 + i) + 1]) - l0
+        square = work[i]
+        while first < after and square + work[2 * n + first] >= CUTOFF:
             first += 1
-        while first < after and square + work[2, after - 1 - l0] >= CUTOFF:
+        while first < after and square + work[2 * n + after - 1] >= CUTOFF:
             after -= 1
         if first < after:
-            running_rows(work[3], first - l0, after - first, dense, i * ny + first, work[1, i - c0], out)
+            begin = (c0 + i) * ny + l0 + first
+            running_rows(work, 3 * n + first, after - first, dense, begin, work[n + i], out)

@@ -8,31 +8,32 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from camnet.batch.estimator_field import kernels_at, workspace
+from camnet.batch.estimator_compile import part
+from camnet.batch.estimator_field import Kernels, kernels_at, workspace
 from camnet.batch.estimator_layout import (
     GAP,
     GAP_ENTRY,
     GAP_MODEL,
     GAPS_LEARNED,
     GATE,
-    HELD,
-    EstimatorSetup,
-    EstimatorState,
+    Rules,
+    T,
+    model_of,
+    place_of,
 )
-from camnet.batch.estimator_learn import fit_motion, misfit
-from camnet.batch.estimator_model import activate, forget, learn_window
+from camnet.batch.estimator_learn import fit_held, misfit
+from camnet.batch.estimator_model import activate
 from camnet.batch.triples import Triple, cross, multiply, rotation_vector, size, turn
 from camnet.estimation.gap import SUBSTEPS
 from camnet.estimation.learner import KNOWN_WITHIN
 from camnet.estimation.propagate import COLUMNS, UNIT
-from camnet.types import Array
+from camnet.types import Array, IntArray
 
-__all__ = ["learn_gap"]
+__all__ = ["bridge", "path_windows"]
 
 
-@njit(cache=True, nogil=True)
+@part
 def _whole_turn(exit_: Array, entry: Array) -> Triple:
     """Rotation vector from exit to entry, with the number of full turns that the body rates suggest."""
     back = (exit_[4], -exit_[5], -exit_[6], -exit_[7])
@@ -55,7 +56,7 @@ def _whole_turn(exit_: Array, entry: Array) -> Triple:
     return whole * axis[0], whole * axis[1], whole * axis[2]
 
 
-@njit(cache=True, nogil=True)
+@part
 def _rotation_vector_rate(theta: Triple, w: Triple) -> Triple:
     """Rate of the rotation vector ``theta`` whose body rate is ``w``: the inverse right Jacobian."""
     angle = size(theta[0], theta[1], theta[2])
@@ -71,14 +72,14 @@ def _rotation_vector_rate(theta: Triple, w: Triple) -> Triple:
     return w[0] + 0.5 * x[0] + f * y[0], w[1] + 0.5 * x[1] + f * y[1], w[2] + 0.5 * x[2] + f * y[2]
 
 
-@njit(cache=True, nogil=True)
+@part
 def _hermite(u: float, x0: float, d0: float, x1: float, d1: float) -> float:
     """Cubic through x0, x1 with the derivatives d0, d1 in [0, 1]."""
     v = (1.0 - u) ** 2
     return (1.0 + 2.0 * u) * v * x0 + u * v * d0 + u**2 * (3.0 - 2.0 * u) * x1 + u**2 * (u - 1.0) * d1
 
 
-@njit(cache=True, nogil=True)
+@part
 def _path(exit_: Array, entry: Array, points: int) -> Array:
     """Positions and orientations (points, 7) across the gap."""
     duration = entry[0] - exit_[0]
@@ -104,8 +105,8 @@ def _path(exit_: Array, entry: Array, points: int) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
-def _path_psd(c: EstimatorSetup, exit_: Array, entry: Array) -> float:
+@part
+def _path_psd(c: Rules, exit_: Array, entry: Array) -> float:
     """Power spectral density of the unknown acceleration, raised to what the ends contradict."""
     duration = entry[0] - exit_[0]
     against = 0.0
@@ -114,23 +115,24 @@ def _path_psd(c: EstimatorSetup, exit_: Array, entry: Array) -> float:
     return max(c.accel_psd_m2ps3, 12.0 * against / (3.0 * duration**3))
 
 
-@njit(cache=True, nogil=True)
+@part
 def _add_regressor(
-    c: EstimatorSetup, s: EstimatorState, r: int, j: int, pose: Array, share: float, row: Array
+    kernels: Kernels, c: Rules, k: IntArray, d: Array, j: int, pose: Array, share: float, row: Array
 ) -> None:
     """Add ``share`` sigma at a pose (7,) to ``row``; kernels reached become active."""
-    p = len(c.kernels.centres)
+    p = c.size
     index, sigma = np.empty(p, dtype=np.int64), np.empty(p)
     x, y = 1.0 - 2.0 * (pose[5] ** 2 + pose[6] ** 2), 2.0 * (pose[4] * pose[5] + pose[3] * pose[6])
-    count = kernels_at(c.kernels, pose[0], pose[1], x, y, index, sigma, workspace(c.kernels))
+    count = kernels_at(kernels, pose[0], pose[1], x, y, index, sigma, workspace(kernels))
+    places = place_of(c, k, j)
     for m in range(count):
-        place = s.place[r, j, index[m]]
+        place = places[index[m]]
         if place < 0:
-            place = activate(c, s, r, j, index[m])
+            place = activate(c, k, d, j, index[m])
         row[place] += share * sigma[m]
 
 
-@njit(cache=True, nogil=True)
+@part
 def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
     """Write the increment (8,) from pose ``a`` to pose ``b``, both (7,)."""
     for i in range(3):
@@ -139,14 +141,14 @@ def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
     out[6], out[UNIT] = 0.0, duration
 
 
-@njit(cache=True, nogil=True)
+@part
 def _contradicts(
-    c: EstimatorSetup, s: EstimatorState, r: int, j: int, row: Array, increment: Array, weight: float
+    c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array, weight: float
 ) -> bool:
     """Whether a window of the path is suspect, given the path's own uncertainty."""
     residual = np.empty(COLUMNS)
-    misfit(s, r, j, row, increment, residual)
-    duration, mean_square = increment[UNIT], s.model[r, j, GATE]
+    misfit(c, k, d, j, row, increment, residual)
+    duration, mean_square = increment[UNIT], model_of(c, k, d, j)[GATE]
     if abs(residual[UNIT]) > KNOWN_WITHIN * duration or not math.isfinite(mean_square):
         return False
     variance = 3.0 * c.path_std_mps**2 * (1.0 / weight - 1.0) + mean_square
@@ -154,58 +156,51 @@ def _contradicts(
     return square > (0.5 * c.outlier_gate) ** 2 * variance * duration**2
 
 
-@njit(cache=True, nogil=True)
-def learn_gap(c: EstimatorSetup, s: EstimatorState, r: int, t_s: float) -> None:
-    """If the re-sighting lasts long enough, put the path across the gap into the stack of the region of exit."""
-    flags, pose = s.flags[r], s.pose[r]
-    j = flags[GAP_MODEL]
-    if j < 0 or t_s - pose[GAP_ENTRY] < c.entry_s:
-        return
-    flags[GAP_MODEL] = -1
-    n, history = flags[HELD], s.history[r]
-    if n < 3 or not history[n - 1, 0] > history[0, 0]:
-        return
-    exit_, entry = pose[GAP : GAP + 14], np.empty(14)
+@part
+def path_windows(c: Rules, pose: Array, k: IntArray, d: Array, entry: Array) -> int:
+    """Count the windows of the gap that waits, if the re-sighting has lasted long enough; ``entry`` takes its end."""
+    k_gap = k[GAP_MODEL]
+    if k_gap < 0 or pose[T] - pose[GAP_ENTRY] < c.entry_s:
+        return 0
+    k[GAP_MODEL] = -1
     entry[0] = pose[GAP_ENTRY]
-    fit_motion(history, n, entry[0], entry[1:])
-    duration = entry[0] - exit_[0]
+    if not fit_held(c, k, d, entry[0], entry[1:]):
+        return 0
+    duration = entry[0] - pose[GAP]
     windows = round(duration / c.window_s)
-    if windows < 1 or duration > c.max_gap_s:
-        return
-    _learn_path(c, s, r, j, t_s, exit_, entry, windows)
-    flags[GAPS_LEARNED] += 1
+    return 0 if duration > c.max_gap_s else windows
 
 
-@njit(cache=True, nogil=True)
-def _learn_path(
-    c: EstimatorSetup,
-    s: EstimatorState,
-    r: int,
+@part
+def bridge(
+    kernels: Kernels,
+    c: Rules,
+    k: IntArray,
+    d: Array,
     j: int,
-    t_s: float,
     exit_: Array,
     entry: Array,
     windows: int,
-) -> None:
+    rows: Array,
+    increments: Array,
+    weights: Array,
+) -> bool:
+    """Write the windows of the path across the gap, for model ``j``; True if most contradict what was learned there."""
     duration = entry[0] - exit_[0]
     path = _path(exit_, entry, windows * SUBSTEPS + 1)
     psd, h = _path_psd(c, exit_, entry), duration / (windows * SUBSTEPS)
-    rows, increments = np.zeros((windows, len(c.kernels.centres))), np.empty((windows, COLUMNS))
-    weights = np.empty(windows)
     against = 0
-    for k in range(windows):
-        first = k * SUBSTEPS
-        for i in range(SUBSTEPS + 1):
-            share = 0.5 * h if i in (0, SUBSTEPS) else h
-            _add_regressor(c, s, r, j, path[first + i], share, rows[k])
+    for i in range(windows):
+        first = i * SUBSTEPS
+        for m in range(SUBSTEPS + 1):
+            share = 0.5 * h if m == 0 or m == SUBSTEPS else h
+            _add_regressor(kernels, c, k, d, j, path[first + m], share, rows[i])
         u = (first + 0.5 * SUBSTEPS) / (windows * SUBSTEPS)
         x = u * (1.0 - u)
         variance = psd * duration * x * (1.0 - 3.0 * x)
-        weights[k] = c.path_std_mps**2 / (c.path_std_mps**2 + variance)
-        _increment(path[first], path[first + SUBSTEPS], h * SUBSTEPS, increments[k])
-        against += _contradicts(c, s, r, j, rows[k], increments[k], weights[k])
-    if c.forgetting and 2 * against > windows:
-        for k in range(windows):
-            forget(c, s, r, j, rows[k], exit_[0])
-    for k in range(windows):
-        learn_window(c, s, r, j, t_s, rows[k], increments[k], weights[k])
+        weights[i] = c.path_std_mps**2 / (c.path_std_mps**2 + variance)
+        _increment(path[first], path[first + SUBSTEPS], h * SUBSTEPS, increments[i])
+        if _contradicts(c, k, d, j, rows[i], increments[i], weights[i]):
+            against += 1
+    k[GAPS_LEARNED] += 1
+    return bool(2 * against > windows)

@@ -1,29 +1,35 @@
 """State of many learning estimators as rows of arrays, and what they have in common.
 
 One row is the estimator of one target in one environment: what `camnet.estimation.learning_estimator` keeps in objects.
-``EstimatorSetup`` is constant and shared; ``EstimatorState`` has the row as first axis everywhere. Both are named
-tuples of numbers and arrays, which compiled code takes as they are. ``J`` models (one a region, or one for all with
-``share``), ``p`` kernels, ``C`` windows in a stack.
+`EstimatorSetup` is constant and shared by all rows. `EstimatorState` is three arrays with the row as first axis (few,
+because every array that a compiled function takes is paid for at each call and when it is compiled):
+
+| array | shape | what |
+| --- | --- | --- |
+| ``pose`` | (rows, POSE_COLUMNS) | instants, pose, prior, twist, exit and gap: columns T ... GAP_ENTRY |
+| ``flags`` | (rows, ..) int64 | columns REGION ..., then of each model: counts, order, place |
+| ``data`` | (rows, ..) | ``history``, ``samples``, ``sigma``, then the blocks of each model |
+
+Parts of ``flags`` and ``data``, found with the functions of the same names (J models, one a region, or one for all with
+``share``; p kernels; P is p rounded up to whole panels; C windows in a stack):
+
+| part | shape | what |
+| --- | --- | --- |
+| history | (H, 8) | latest poses of the sighting: t, p, q |
+| samples | (S, 8) | poses of the window that is being collected: t, p, q |
+| sigma | (S, P) | their sigma over the active kernels |
+| counts | (J, COUNT_COLUMNS) | columns ACTIVE ... below |
+| order, place | (J, p) | active kernels, see below |
+| model | (J, MODEL_COLUMNS) | error radius, outlier gate: columns MEAN_SQUARE ... below |
+| weights, moment | (J, P, 8) | W_hat and Q over the active kernels |
+| inverse | (J, P P) | (I + dt kCL gamma (Psi + delta I))^-1, rows ``counts[STRIDE]`` apart |
+| rows, increments | (J, C, P), (J, C, 9) | the stack; behind each increment when it entered |
+| books | (J, C + P P) | leverages and inverse of the D-optimal rule, used once a stack is full |
 
 Weights and stack live over the *active* kernels of a model alone, in the order in which they were first reached by a
-measured pose or a path across a gap: ``order[r, j, :n]`` are their numbers, ``place[r, j, k]`` is the way back (-1: not
+measured pose or a path across a gap: ``order[:n]`` are their numbers, ``place[kernel]`` is the way back (-1: not
 active). Every other weight is exactly zero, and there the inverse of the implicit step is a multiple of the identity.
 Memory that is not reached stays untouched, so most of what the arrays ask for is never taken from the machine.
-
-| ``EstimatorState`` | shape | what |
-| --- | --- | --- |
-| ``pose`` | (rows, POSE_COLUMNS) | instants, pose, prior, twist, exit and gap: columns T ... GAP_ENTRY below |
-| ``flags`` | (rows, FLAG_COLUMNS) int64 | columns REGION ... below |
-| ``history`` | (rows, H, 8) | latest poses of the sighting: t, p, q |
-| ``samples`` | (rows, S, 8) | poses of the window that is being collected: t, p, q |
-| ``sigma`` | (rows, S, p) | their sigma over the active kernels |
-| ``model`` | (rows, J, MODEL_COLUMNS) | error radius, outlier gate, ...: columns MEAN_SQUARE ... below |
-| ``counts`` | (rows, J, COUNT_COLUMNS) int64 | columns ACTIVE ... below |
-| ``order``, ``place`` | (rows, J, p) int64 | active kernels, see above |
-| ``weights``, ``moment`` | (rows, J, P, 8) | W_hat and Q over the active kernels, P = p rounded up to a whole panel |
-| ``inverse`` | (rows, J, P P) | (I + dt kCL gamma (Psi + delta I))^-1, rows ``counts[..., STRIDE]`` apart |
-| ``rows``, ``increments``, ``entered`` | (rows, J, C, p), (.., C, 8), (.., C) | the stack |
-| ``selection``, ``leverage`` | (rows, J, P P), (rows, J, C) | books of the D-optimal rule, used once a stack is full |
 """
 
 from __future__ import annotations
@@ -32,8 +38,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from camnet.batch.estimator_compile import entry, part
 from camnet.batch.estimator_field import Kernels, pack_kernels
 from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis
@@ -43,7 +49,25 @@ from camnet.estimation.radius import REMEMBERED_GAPS
 from camnet.estimation.settings import EstimatorSettings
 from camnet.types import Array, IntArray
 
-__all__ = ["EstimatorSetup", "EstimatorState", "allocate", "build_setup", "reset"]
+__all__ = [
+    "EstimatorSetup",
+    "EstimatorState",
+    "Rules",
+    "allocate",
+    "books_of",
+    "build_setup",
+    "counts_of",
+    "increment_of",
+    "inverse_of",
+    "model_of",
+    "moment_of",
+    "order_of",
+    "place_of",
+    "reset",
+    "row_of",
+    "sigma_of",
+    "weights_of",
+]
 
 # --- columns of ``pose`` ---------------------------------------------------------------------------------------------
 #: present instant and last measured one, s; weight steps owed, s
@@ -60,7 +84,9 @@ REGION, SEEN, MODEL = 0, 1, 2
 FILLED, HELD, FIT_DUE, HAS_EXIT = 3, 4, 5, 6
 #: model that the waiting gap is for (-1: none waits), gaps learned
 GAP_MODEL, GAPS_LEARNED = 7, 8
-FLAG_COLUMNS = 9
+#: windows a stack has room for, whether it can fill up, numbers in a model's block: fixed by ``allocate``
+CAPACITY, FILLS, BLOCK = 9, 10, 11
+FLAG_COLUMNS = 12
 # --- columns of ``model`` --------------------------------------------------------------------------------------------
 #: mean square residual while seen, m^2; error rates of the last gaps, m/s
 MEAN_SQUARE, RATES = 0, 1
@@ -80,19 +106,38 @@ OUTLIERS, TURNS, FORGOTTEN, REFUSED = 8, 9, 10, 11
 SELECTING, SELECTED = 12, 13
 #: windows for which the arrays had no room: the row ran longer than ``allocate`` was told
 OVERFLOWED = 14
-COUNT_COLUMNS = 15
+#: whether the inverse waits to be computed afresh
+STALE = 15
+COUNT_COLUMNS = 16
 
 #: rows of the inverse grow by this many at a time; a multiple of a panel's rows
 GROWTH = 8
 _RULES = ("d_optimal",)
 
 
-class EstimatorSetup(NamedTuple):
-    """Settings and kernels that all rows share; names as in `EstimatorSettings`."""
+class Places(NamedTuple):
+    """Where the parts of a row of ``data`` begin; those of a model counted from the beginning of its block.
 
-    kernels: Kernels
-    dt_s: float
+    ``padded`` is P.
+    """
+
+    samples: int
+    sigma: int
     models: int
+    weights: int
+    moment: int
+    inverse: int
+    rows: int
+    padded: int
+
+
+class Rules(NamedTuple):
+    """Settings that all rows share, names as in `EstimatorSettings`; ``size`` is the number of kernels."""
+
+    size: int
+    at: Places
+    models: int
+    dt_s: float
     k1_per_s: float
     k2: float
     kcl: float
@@ -118,8 +163,15 @@ class EstimatorSetup(NamedTuple):
     regularisation: float
     regression_samples: int
     reset_on_sighting: bool
-    low: Array
-    high: Array
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+
+class EstimatorSetup(NamedTuple):
+    """What all rows share. The kernels' arrays are apart: numbers alone are cheap to pass on."""
+
+    kernels: Kernels
+    rules: Rules
 
 
 class EstimatorState(NamedTuple):
@@ -127,25 +179,11 @@ class EstimatorState(NamedTuple):
 
     pose: Array
     flags: IntArray
-    history: Array
-    samples: Array
-    sigma: Array
-    model: Array
-    counts: IntArray
-    order: IntArray
-    place: IntArray
-    weights: Array
-    moment: Array
-    inverse: Array
-    rows: Array
-    increments: Array
-    entered: Array
-    selection: Array
-    leverage: Array
+    data: Array
 
 
 def _refuse(settings: EstimatorSettings) -> None:
-    """Settings that the compiled rows do not have."""
+    """Raise ConfigError for settings that the compiled rows do not have."""
     wanted = (
         ("form", settings.form, ("twist",)),
         ("frame", settings.frame, ("world",)),
@@ -179,10 +217,11 @@ def build_setup(
         raise ConfigError(f"n_regions {n_regions}, rate_hz {rate_hz}: both must be positive")
     gap, stack, dt = settings.gap, settings.stack, 1.0 / rate_hz
     intervals = max(1, round(stack.window_s / dt))
-    return EstimatorSetup(
-        kernels=pack_kernels(basis),
-        dt_s=dt,
+    rules = Rules(
+        size=basis.size,
+        at=_places(basis.size, settings.regression_samples, intervals + min(stack.average, intervals)),
         models=1 if settings.share else n_regions,
+        dt_s=dt,
         k1_per_s=settings.k1_per_s,
         k2=settings.k2,
         kcl=settings.kcl,
@@ -208,19 +247,41 @@ def build_setup(
         regularisation=stack.regularisation,
         regression_samples=settings.regression_samples,
         reset_on_sighting=settings.reset_on_sighting,
-        low=bounds[0].copy(),
-        high=bounds[1].copy(),
+        low=(float(bounds[0, 0]), float(bounds[0, 1]), float(bounds[0, 2])),
+        high=(float(bounds[1, 0]), float(bounds[1, 1]), float(bounds[1, 2])),
+    )
+    return EstimatorSetup(pack_kernels(basis), rules)
+
+
+def _whole(n: int) -> int:
+    """Round up to whole vectors and panels."""
+    return -(-n // GROWTH) * GROWTH
+
+
+def _places(kernels: int, history: int, samples: int) -> Places:
+    padded = _whole(kernels)
+    sigma = 8 * (history + samples)
+    weights = _whole(MODEL_COLUMNS)
+    return Places(
+        samples=8 * history,
+        sigma=sigma,
+        models=sigma + samples * padded,
+        weights=weights,
+        moment=weights + COLUMNS * padded,
+        inverse=weights + 2 * COLUMNS * padded,
+        rows=weights + 2 * COLUMNS * padded + padded * padded,
+        padded=padded,
     )
 
 
-def stack_capacity(setup: EstimatorSetup, size: int, duration_s: float) -> int:
+def _stack_capacity(c: Rules, size: int, duration_s: float) -> int:
     """Windows that a stack of ``size`` can come to hold within ``duration_s``.
 
     A measured window takes as long as its intervals, one of a path across a gap at least half of ``window_s``.
     """
     if not duration_s > 0.0:
         raise ConfigError(f"duration_s {duration_s}: must be positive")
-    shortest = min(setup.intervals * setup.dt_s, 0.5 * setup.window_s)
+    shortest = min(c.intervals * c.dt_s, 0.5 * c.window_s)
     possible = duration_s / shortest + 2.0
     return size if possible >= size else math.ceil(possible)
 
@@ -244,57 +305,123 @@ def allocate(
     """
     if rows < 1:
         raise ConfigError(f"rows {rows}: must be positive")
-    p, j = len(setup.kernels.centres), setup.models
-    capacity = stack_capacity(setup, settings.stack.size, duration_s)
-    fills = capacity == settings.stack.size
-    padded = -(-p // GROWTH) * GROWTH
-    samples = setup.intervals + setup.average
+    c = setup.rules
+    capacity = _stack_capacity(c, settings.stack.size, duration_s)
+    fills, padded = capacity == settings.stack.size, c.at.padded
+    block = c.at.rows + _whole(capacity * (padded + COLUMNS + 1))
+    if fills:
+        block += _whole(padded * padded + capacity)
     state = EstimatorState(
         pose=np.zeros((rows, POSE_COLUMNS)),
-        flags=np.zeros((rows, FLAG_COLUMNS), dtype=np.int64),
-        history=np.zeros((rows, setup.regression_samples, 8)),
-        samples=np.zeros((rows, samples, 8)),
-        sigma=np.zeros((rows, samples, p)),
-        model=np.zeros((rows, j, MODEL_COLUMNS)),
-        counts=np.zeros((rows, j, COUNT_COLUMNS), dtype=np.int64),
-        order=np.zeros((rows, j, p), dtype=np.int64),
-        place=np.zeros((rows, j, p), dtype=np.int64),
-        weights=np.zeros((rows, j, padded, COLUMNS)),
-        moment=np.zeros((rows, j, padded, COLUMNS)),
-        inverse=np.zeros((rows, j, padded * padded)),
-        rows=np.zeros((rows, j, capacity, p)),
-        increments=np.zeros((rows, j, capacity, COLUMNS)),
-        entered=np.zeros((rows, j, capacity)),
-        selection=np.zeros((rows, j, padded * padded if fills else 1)),
-        leverage=np.zeros((rows, j, capacity if fills else 1)),
+        flags=np.zeros((rows, FLAG_COLUMNS + c.models * (COUNT_COLUMNS + 2 * c.size)), dtype=np.int64),
+        data=np.zeros((rows, c.at.models + c.models * block)),
     )
+    state.flags[:, CAPACITY], state.flags[:, FILLS], state.flags[:, BLOCK] = capacity, fills, block
     for row in range(rows):
         reset(setup, state, row)
     return state
 
 
-@njit(cache=True, nogil=True)
+@entry
 def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
     """Make row ``row`` as new: nothing seen, nothing learned."""
     pose, flags = state.pose[row], state.flags[row]
-    pose[:] = 0.0
-    flags[:] = 0
+    for i in range(POSE_COLUMNS):
+        pose[i] = 0.0
+    for i in range(CAPACITY):
+        flags[i] = 0
     pose[T], pose[LAST_SEEN] = -math.inf, -math.inf
-    pose[P : P + 3] = math.nan
+    pose[P], pose[P + 1], pose[P + 2] = math.nan, math.nan, math.nan
     pose[Q] = 1.0
     flags[REGION], flags[GAP_MODEL] = -1, -1
-    for j in range(setup.models):
-        reset_model(state, row, j)
+    for j in range(setup.rules.models):
+        _reset_model(setup.rules, flags, state.data[row], j)
 
 
-@njit(cache=True, nogil=True)
-def reset_model(state: EstimatorState, row: int, j: int) -> None:
+@part
+def _reset_model(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Make model ``j`` of a row as new."""
-    model = state.model[row, j]
-    model[:] = 0.0
-    state.counts[row, j, :] = 0
-    state.place[row, j, :] = -1
+    model, counts, places = model_of(c, k, d, j), counts_of(c, k, j), place_of(c, k, j)
+    for i in range(MODEL_COLUMNS):
+        model[i] = 0.0
+    for i in range(COUNT_COLUMNS):
+        counts[i] = 0
+    for i in range(len(places)):
+        places[i] = -1
     # radius: three standard deviations of 5 cm before anything was measured
     model[MEAN_SQUARE] = (0.05 / 3.0) ** 2
     model[GATE], model[GATE + 1] = math.inf, math.inf
     model[RUN_BEGAN], model[CHANGED] = math.inf, math.inf
+
+
+# --- parts of a row: ``k`` is a row of ``flags``, ``d`` one of ``data``, ``j`` a model -------------------------------
+
+
+@part
+def counts_of(c: Rules, k: IntArray, j: int) -> IntArray:
+    """Return the counts (COUNT_COLUMNS,) of a model."""
+    return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) :]
+
+
+@part
+def order_of(c: Rules, k: IntArray, j: int) -> IntArray:
+    """Numbers of the active kernels."""
+    return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) + COUNT_COLUMNS :]
+
+
+@part
+def place_of(c: Rules, k: IntArray, j: int) -> IntArray:
+    """Places (p,) of the kernels among the active ones."""
+    p = c.size
+    first = FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * p) + COUNT_COLUMNS + p
+    return k[first : first + p]
+
+
+@part
+def model_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
+    """Block of a model, its numbers (MODEL_COLUMNS,) first."""
+    return d[c.at.models + j * k[BLOCK] :]
+
+
+@part
+def weights_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
+    """Weights, flat: 8 numbers an active kernel."""
+    return d[c.at.models + j * k[BLOCK] + c.at.weights :]
+
+
+@part
+def moment_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
+    """Moment Q, flat: 8 numbers an active kernel."""
+    return d[c.at.models + j * k[BLOCK] + c.at.moment :]
+
+
+@part
+def inverse_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
+    """Inverse of the implicit step, flat."""
+    return d[c.at.models + j * k[BLOCK] + c.at.inverse :]
+
+
+@part
+def row_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
+    """Regressor of stack entry ``index`` over the active kernels."""
+    return d[c.at.models + j * k[BLOCK] + c.at.rows + index * c.at.padded :]
+
+
+@part
+def increment_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
+    """Increment (8,) of stack entry ``index``, and in the ninth place when it entered, s."""
+    first = c.at.models + j * k[BLOCK] + c.at.rows + k[CAPACITY] * c.at.padded
+    return d[first + index * (COLUMNS + 1) :]
+
+
+@part
+def books_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
+    """Leverages (C,) and after them the inverse of the D-optimal rule."""
+    first = c.at.models + j * k[BLOCK] + c.at.rows
+    return d[first + -(-k[CAPACITY] * (c.at.padded + COLUMNS + 1) // GROWTH) * GROWTH :]
+
+
+@part
+def sigma_of(c: Rules, d: Array, sample: int) -> Array:
+    """Sigma over the active kernels of a sample of the window."""
+    return d[c.at.sigma + sample * c.at.padded :]

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.batch.estimator_compile import part
 from camnet.batch.estimator_layout import (
     ACTIVE,
     AGREED,
@@ -30,10 +30,12 @@ from camnet.batch.estimator_layout import (
     RUN_BEGAN,
     SUSPECT_RUN,
     TURNS,
-    EstimatorSetup,
-    EstimatorState,
+    Rules,
+    counts_of,
+    model_of,
+    sigma_of,
+    weights_of,
 )
-from camnet.batch.estimator_model import forget, learn_window
 from camnet.batch.triples import multiply, rotate, rotation_vector, turn
 from camnet.estimation.learner import (
     CHANGE_AFTER,
@@ -46,10 +48,10 @@ from camnet.estimation.learner import (
 from camnet.estimation.propagate import COLUMNS, UNIT
 from camnet.types import Array, IntArray
 
-__all__ = ["fit_motion", "interrupt", "learn_pose", "misfit", "refresh_prior"]
+__all__ = ["fit_held", "fit_motion", "interrupt", "misfit", "next_window", "note_pose", "refresh_prior"]
 
 
-@njit(cache=True, nogil=True)
+@part
 def fit_motion(history: Array, n: int, t_eval: float, out: Array) -> None:
     """Write pose (p, q) and velocity (v, w) at ``t_eval`` to ``out`` (13,): `camnet.estimation.gap.fit_motion`."""
     t_mid = 0.0
@@ -86,197 +88,176 @@ def fit_motion(history: Array, n: int, t_eval: float, out: Array) -> None:
     out[10], out[11], out[12] = w
 
 
-@njit(cache=True, nogil=True)
-def refresh_prior(s: EstimatorState, r: int) -> None:
+@part
+def fit_held(c: Rules, k: IntArray, d: Array, t_eval: float, out: Array) -> bool:
+    """Fit the poses held; False if they are too few, or all of one instant."""
+    n = k[HELD]
+    if n < 3 or not d[8 * (n - 1)] > d[0]:
+        return False
+    fit_motion(d[: 8 * n].reshape((n, 8)), n, t_eval, out)
+    return True
+
+
+@part
+def refresh_prior(c: Rules, pose: Array, k: IntArray, d: Array) -> None:
     """Fit the present motion if that is due, and make it the prior mean."""
-    flags = s.flags[r]
-    if not flags[FIT_DUE]:
+    if not k[FIT_DUE]:
         return
-    flags[FIT_DUE] = 0
-    history, n = s.history[r], flags[HELD]
-    if n < 3 or not history[n - 1, 0] > history[0, 0]:
-        return
+    k[FIT_DUE] = 0
     out = np.empty(13)
-    fit_motion(history, n, history[n - 1, 0], out)
-    for i in range(6):
-        s.pose[r, PRIOR + i] = out[7 + i]
+    if fit_held(c, k, d, d[8 * (k[HELD] - 1)], out):
+        for i in range(6):
+            pose[PRIOR + i] = out[7 + i]
 
 
-@njit(cache=True, nogil=True)
-def interrupt(s: EstimatorState, r: int, last_seen_s: float) -> None:
+@part
+def interrupt(c: Rules, pose: Array, k: IntArray, d: Array, last_seen_s: float) -> None:
     """End the sighting; how the target left goes to EXIT, HAS_EXIT says whether that can be told."""
-    refresh_prior(s, r)
-    flags, history = s.flags[r], s.history[r]
-    n = flags[HELD]
-    flags[HAS_EXIT] = 0
-    if n >= 3 and history[n - 1, 0] > history[0, 0]:
-        s.pose[r, EXIT] = last_seen_s
-        fit_motion(history, n, last_seen_s, s.pose[r, EXIT + 1 : EXIT + 14])
-        flags[HAS_EXIT] = 1
-    flags[FILLED], flags[HELD], flags[GAP_MODEL] = 0, 0, -1
+    refresh_prior(c, pose, k, d)
+    pose[EXIT] = last_seen_s
+    k[HAS_EXIT] = fit_held(c, k, d, last_seen_s, pose[EXIT + 1 :])
+    k[FILLED], k[HELD], k[GAP_MODEL] = 0, 0, -1
 
 
-@njit(cache=True, nogil=True)
-def _note_pose(row: Array, t_s: float, p: Array, q: Array, sign: float) -> None:
-    row[0] = t_s
+@part
+def _note(d: Array, first: int, t_s: float, p: Array, q: Array, sign: float) -> None:
+    d[first] = t_s
     for i in range(3):
-        row[1 + i] = p[i]
+        d[first + 1 + i] = p[i]
     for i in range(4):
-        row[4 + i] = sign * q[i]
+        d[first + 4 + i] = sign * q[i]
 
 
-@njit(cache=True, nogil=True)
-def learn_pose(
-    c: EstimatorSetup,
-    s: EstimatorState,
-    r: int,
+@part
+def note_pose(
+    c: Rules,
+    k: IntArray,
+    d: Array,
     t_s: float,
     p: Array,
     q: Array,
     index: IntArray,
     sigma: Array,
     count: int,
-) -> None:
-    """Take a measured pose and its sigma (at the active kernels in ``index``) into history and window."""
-    flags, history = s.flags[r], s.history[r]
-    held, capacity = flags[HELD], s.history.shape[1]
+) -> bool:
+    """Take a measured pose and its sigma (at the active kernels in ``index``) into history and window.
+
+    True if that completes the window.
+    """
+    held, capacity = k[HELD], c.regression_samples
     if held == capacity:
-        for i in range(capacity - 1):
-            for k in range(8):
-                history[i, k] = history[i + 1, k]
+        for i in range(8 * (capacity - 1)):
+            d[i] = d[i + 8]
         held -= 1
-    _note_pose(history[held], t_s, p, q, 1.0)
-    flags[HELD] = held + 1
-    flags[FIT_DUE] |= 3 * (held + 1) >= capacity
-    _push_sample(c, s, r, t_s, p, q, index, sigma, count)
-
-
-@njit(cache=True, nogil=True)
-def _push_sample(
-    c: EstimatorSetup,
-    s: EstimatorState,
-    r: int,
-    t_s: float,
-    p: Array,
-    q: Array,
-    index: IntArray,
-    sigma: Array,
-    count: int,
-) -> None:
-    """Add a sample to the window; learn the window when it is complete."""
-    flags, samples, sigmas = s.flags[r], s.samples[r], s.sigma[r]
-    j = flags[MODEL]
-    n, filled = s.counts[r, j, ACTIVE], flags[FILLED]
-    sign = 1.0
-    if filled > 0:
-        last = samples[filled - 1]
-        if q[0] * last[4] + q[1] * last[5] + q[2] * last[6] + q[3] * last[7] < 0.0:
-            sign = -1.0
-    _note_pose(samples[filled], t_s, p, q, sign)
-    for a in range(n):
-        sigmas[filled, a] = 0.0
+    _note(d, 8 * held, t_s, p, q, 1.0)
+    k[HELD] = held + 1
+    if 3 * (held + 1) >= capacity:
+        k[FIT_DUE] = 1
+    filled, first = k[FILLED], c.at.samples + 8 * k[FILLED]
+    sign, last = 1.0, first - 8
+    if filled > 0 and q[0] * d[last + 4] + q[1] * d[last + 5] + q[2] * d[last + 6] + q[3] * d[last + 7] < 0.0:
+        sign = -1.0
+    _note(d, first, t_s, p, q, sign)
+    row = sigma_of(c, d, filled)
+    for a in range(counts_of(c, k, k[MODEL])[ACTIVE]):
+        row[a] = 0.0
     for m in range(count):
-        sigmas[filled, index[m]] = sigma[m]
-    filled += 1
-    if filled == c.intervals + c.average:
-        row, increment = np.zeros(n), np.zeros(COLUMNS)
-        _close_window(c, samples, sigmas, row, increment)
-        for i in range(c.average):
-            samples[i] = samples[c.intervals + i]
-            for a in range(n):
-                sigmas[i, a] = sigmas[c.intervals + i, a]
-        filled = c.average
-        _learn_measured(c, s, r, j, t_s, row, increment)
-    flags[FILLED] = filled
+        row[index[m]] = sigma[m]
+    k[FILLED] = filled + 1
+    return bool(filled + 1 == c.intervals + c.average)
 
 
-@njit(cache=True, nogil=True)
-def _close_window(c: EstimatorSetup, samples: Array, sigmas: Array, row: Array, increment: Array) -> None:
+@part
+def next_window(c: Rules, k: IntArray, d: Array, t_s: float, row: Array, increment: Array) -> bool:
+    """Write the complete window to ``row`` and ``increment``; the next begins with its last samples.
+
+    True if the outlier gate lets it enter.
+    """
+    j = k[MODEL]
+    n = counts_of(c, k, j)[ACTIVE]
+    _close_window(c, d, row[:n], increment)
+    for i in range(c.average):
+        for a in range(8):
+            d[c.at.samples + 8 * i + a] = d[c.at.samples + 8 * (c.intervals + i) + a]
+        old, new = sigma_of(c, d, c.intervals + i), sigma_of(c, d, i)
+        for a in range(n):
+            new[a] = old[a]
+    k[FILLED] = c.average
+    return _passes(c, k, d, j, t_s, row, increment)
+
+
+@part
+def _close_window(c: Rules, d: Array, row: Array, increment: Array) -> None:
     """Write regressor (n,) and increment (8,) of the window: the mean of ``average`` shifted ones."""
     n, m = c.intervals, c.average
+    samples = d[c.at.samples :]
     weights = np.zeros(n + m)
     for shift in range(m):
         for i in range(shift, shift + n):
-            half = 0.5 * (samples[i + 1, 0] - samples[i, 0]) / m
+            half = 0.5 * (samples[8 * (i + 1)] - samples[8 * i]) / m
             weights[i] += half
             weights[i + 1] += half
     for i in range(n + m):
+        sigma = sigma_of(c, d, i)
         for a in range(len(row)):
-            row[a] += weights[i] * sigmas[i, a]
+            row[a] += weights[i] * sigma[a]
     first, last = np.zeros(8), np.zeros(8)
     for i in range(m):
-        for k in range(8):
-            first[k] += samples[i, k] / m
-            last[k] += samples[n + i, k] / m
-    size0 = math.sqrt(first[4] ** 2 + first[5] ** 2 + first[6] ** 2 + first[7] ** 2)
-    size1 = math.sqrt(last[4] ** 2 + last[5] ** 2 + last[6] ** 2 + last[7] ** 2)
-    q0 = (first[4] / size0, -first[5] / size0, -first[6] / size0, -first[7] / size0)
-    q1 = (last[4] / size1, last[5] / size1, last[6] / size1, last[7] / size1)
+        for a in range(8):
+            first[a] += samples[8 * i + a] / m
+            last[a] += samples[8 * (n + i) + a] / m
     for i in range(3):
         increment[i] = last[1 + i] - first[1 + i]
-    increment[3], increment[4], increment[5] = rotation_vector(multiply(q0, q1))
+    s0 = 1.0 / math.sqrt(first[4] ** 2 + first[5] ** 2 + first[6] ** 2 + first[7] ** 2)
+    s1 = 1.0 / math.sqrt(last[4] ** 2 + last[5] ** 2 + last[6] ** 2 + last[7] ** 2)
+    back = (s0 * first[4], -s0 * first[5], -s0 * first[6], -s0 * first[7])
+    turned = rotation_vector(multiply(back, (s1 * last[4], s1 * last[5], s1 * last[6], s1 * last[7])))
+    increment[3], increment[4], increment[5] = turned
     increment[UNIT] = last[0] - first[0]
 
 
-@njit(cache=True, nogil=True)
-def misfit(s: EstimatorState, r: int, j: int, row: Array, increment: Array, out: Array) -> None:
+@part
+def misfit(c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array, out: Array) -> None:
     """Write increment - Y W (8,) to ``out``; ``row`` over the active kernels."""
-    weights = s.weights[r, j]
+    weights = weights_of(c, k, d, j)
     for o in range(COLUMNS):
         out[o] = increment[o]
-    for a in range(min(len(row), s.counts[r, j, ACTIVE])):
+    for a in range(counts_of(c, k, j)[ACTIVE]):
         if row[a] != 0.0:
             for o in range(COLUMNS):
-                out[o] -= row[a] * weights[a, o]
+                out[o] -= row[a] * weights[COLUMNS * a + o]
 
 
-@njit(cache=True, nogil=True)
-def _learn_measured(
-    c: EstimatorSetup, s: EstimatorState, r: int, j: int, t_s: float, row: Array, increment: Array
-) -> None:
-    """Offer a measured window if the gate lets it; after a change, what it contradicts goes first."""
-    if not _passes(c, s, r, j, t_s, row, increment):
-        return
-    if c.forgetting and math.isfinite(s.model[r, j, CHANGED]):
-        forget(c, s, r, j, row, s.model[r, j, CHANGED])
-    learn_window(c, s, r, j, t_s, row, increment, 1.0)
-
-
-@njit(cache=True, nogil=True)
-def _passes(
-    c: EstimatorSetup, s: EstimatorState, r: int, j: int, t_s: float, row: Array, increment: Array
-) -> bool:
+@part
+def _passes(c: Rules, k: IntArray, d: Array, j: int, t_s: float, row: Array, increment: Array) -> bool:
     """Whether the outlier gate lets a window in: `camnet.estimation.learner.OutlierGate`."""
-    model = s.model[r, j]
+    model = model_of(c, k, d, j)
     residual = np.empty(COLUMNS)
-    misfit(s, r, j, row, increment, residual)
+    misfit(c, k, d, j, row, increment, residual)
     duration = increment[UNIT]
     if abs(residual[UNIT]) > KNOWN_WITHIN * duration:
         return True
-    shift, rotation = 0.0, 0.0
-    for i in range(3):
-        shift += residual[i] ** 2
-    for i in range(3, 7):
-        rotation += residual[i] ** 2
-    new = (shift / duration**2, rotation / duration**2)
+    new = (
+        (residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2) / duration**2,
+        (residual[3] ** 2 + residual[4] ** 2 + residual[5] ** 2 + residual[6] ** 2) / duration**2,
+    )
     if not (math.isfinite(model[GATE]) and math.isfinite(model[GATE + 1])):
         model[GATE], model[GATE + 1] = new
         return True
     far, suspect = False, False
     for i in range(2):
-        far |= new[i] > c.outlier_gate**2 * model[GATE + i] + RESIDUAL_FLOOR
-        suspect |= new[i] > (0.5 * c.outlier_gate) ** 2 * model[GATE + i] + RESIDUAL_FLOOR
-    suspect |= far
+        far = far or new[i] > c.outlier_gate**2 * model[GATE + i] + RESIDUAL_FLOOR
+        suspect = suspect or new[i] > (0.5 * c.outlier_gate) ** 2 * model[GATE + i] + RESIDUAL_FLOOR
+    suspect = suspect or far
     if not far:
         for i in range(2):
             counted = min(new[i], SUSPECT_COUNTS * model[GATE + i]) if suspect else new[i]
             model[GATE + i] += RESIDUAL_SHARE * (counted - model[GATE + i])
-    return _judge(s, r, j, far, suspect, t_s)
+    return _judge(model, counts_of(c, k, j), far, suspect, t_s)
 
 
-@njit(cache=True, nogil=True)
-def _judge(s: EstimatorState, r: int, j: int, far: bool, suspect: bool, t_s: float) -> bool:
-    model, counts = s.model[r, j], s.counts[r, j]
+@part
+def _judge(model: Array, counts: IntArray, far: bool, suspect: bool, t_s: float) -> bool:
     if suspect and counts[SUSPECT_RUN] == 0:
         model[RUN_BEGAN] = t_s
     counts[SUSPECT_RUN] = counts[SUSPECT_RUN] + 1 if suspect else 0
@@ -290,5 +271,6 @@ def _judge(s: EstimatorState, r: int, j: int, far: bool, suspect: bool, t_s: flo
         counts[TURNS] += 1
         model[CHANGED] = model[RUN_BEGAN]
         return True
-    counts[OUTLIERS] += far
+    if far:
+        counts[OUTLIERS] += 1
     return not far

@@ -32,7 +32,7 @@ from camnet.estimation.propagate import COLUMNS
 from camnet.estimation.stack import HistoryStack
 from camnet.types import Array
 
-__all__ = ["LearnedModel", "extract", "install", "load_models", "merge", "save_models"]
+__all__ = ["LearnedModel", "check_same", "extract", "install", "load_models", "merge", "save_models"]
 
 FORMAT = "camnet learned models"
 VERSION = 1
@@ -84,9 +84,16 @@ def extract(model: MotionModel, basis: RbfBasis) -> LearnedModel:
     return LearnedModel(model.form, basis, model.weights.copy(), stacks)
 
 
-def _check_same(model: MotionModel, basis: RbfBasis, learned: LearnedModel) -> None:
-    if learned.form != model.form:
-        raise DataError(f"learned model: form '{learned.form}', but the estimator's is '{model.form}'")
+def check_same(form: str, basis: RbfBasis, learned: LearnedModel) -> None:
+    """See that a model speaks of the outputs and kernels of an estimator.
+
+    Raises
+    ------
+    DataError
+        If form or kernels differ.
+    """
+    if learned.form != form:
+        raise DataError(f"learned model: form '{learned.form}', but the estimator's is '{form}'")
     same = learned.basis.centres.shape == basis.centres.shape and all(
         np.allclose(a, b, rtol=1e-9, atol=1e-12)
         for a, b in (
@@ -130,7 +137,7 @@ def install(model: MotionModel, basis: RbfBasis, learned: LearnedModel) -> None:
 
 
 def _offer(model: MotionModel, basis: RbfBasis, learned: LearnedModel) -> int:
-    _check_same(model, basis, learned)
+    check_same(model.form, basis, learned)
     taken = 0
     for offer, (rows, increments, times) in zip(
         (model.learn_window, model.learn_rate), learned.stacks, strict=True
