@@ -6,7 +6,6 @@ here they only stand in a row, because a call from Python costs more than most o
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 from camnet.control.camera_kernel import body_motion, camera_motion, first_unsound, may_touch
@@ -58,15 +57,15 @@ def end_period(
     start_p: Array,
     range_m: float,
     speed_mps: float,
-) -> tuple[int, Array]:
-    """Turn the gimbals after the last run of the inner loop; first unsound body (-1: none) and all motion (N+C,13).
+    out: Array,
+) -> int:
+    """Turn the gimbals after the last run of the inner loop; first unsound body (-1: none).
 
-    Rows: N bodies as in `body_motion`, their N cameras as in `camera_motion`, then ``fixed`` (C-N,13).
+    ``out`` (N+C,13) receives N bodies as in `body_motion`, their N cameras as in `camera_motion`, ``fixed`` (C-N,13).
     """
     n = bodies.shape[0]
     turn_gimbals(before, bodies, memory, held, constants)
-    out = np.empty((2 * n + fixed.shape[0], 13))
     out[:n] = body_motion(bodies)
     out[n : 2 * n] = camera_motion(bodies, memory, offset_body)
     out[2 * n :] = fixed
-    return first_unsound(bodies, start_p, range_m, speed_mps), out
+    return first_unsound(bodies, start_p, range_m, speed_mps)

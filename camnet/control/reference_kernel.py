@@ -36,9 +36,13 @@ __all__ = [
 
 _TOLERANCE = 1e-9
 
+Triple = tuple[float, float, float]
+#: three numbers, however they are kept
+Vector = Array | Triple
+
 
 @njit(cache=True)
-def clearance(p: Array, planes: Array, disc: Array, polygon: Array) -> float:
+def clearance(p: Vector, planes: Array, disc: Array, polygon: Array) -> float:
     """Depth of ``p`` (3,) inside the intersection of half-spaces (F,4: a, b), a disc (3,: x, y, r) and a polygon.
 
     Negative outside; an empty polygon and a disc of radius 0 bound nothing.
@@ -50,12 +54,15 @@ def clearance(p: Array, planes: Array, disc: Array, polygon: Array) -> float:
     if disc[2] > 0.0:
         depth = min(depth, disc[2] - math.hypot(p[0] - disc[0], p[1] - disc[1]))
     if polygon.shape[0] > 0:
-        depth = min(depth, -signed_distance(p.reshape(1, 3), polygon)[0])
+        point = np.empty((1, 3))
+        for i in range(3):
+            point[0, i] = p[i]
+        depth = min(depth, -signed_distance(point, polygon)[0])
     return depth
 
 
 @njit(cache=True)
-def _crosses(a: Array, b: Array, c: Array, d: Array) -> bool:
+def _crosses(a: Vector, b: Vector, c: Array, d: Array) -> bool:
     """Whether the plane segments a-b and c-d cross at an inner point."""
     ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
     side_c = ux * (c[1] - a[1]) - uy * (c[0] - a[0])
@@ -66,7 +73,7 @@ def _crosses(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 
 @njit(cache=True)
-def segment_inside(a: Array, b: Array, margin: float, planes: Array, disc: Array, polygon: Array) -> bool:
+def segment_inside(a: Vector, b: Vector, margin: float, planes: Array, disc: Array, polygon: Array) -> bool:
     """Whether the segment a-b (ends (3,)) lies ``margin`` inside the region."""
     if clearance(a, planes, disc, polygon) < margin - _TOLERANCE:
         return False
@@ -88,40 +95,33 @@ def segment_inside(a: Array, b: Array, margin: float, planes: Array, disc: Array
 
 
 @njit(cache=True)
-def _length(x: Array) -> float:
+def _length(x: Vector) -> float:
     return math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
 
 
 @njit(cache=True)
-def _plus(x: Array, factor: float, y: Array) -> Array:
-    """Return ``x + factor y``; loops compile many times faster than array expressions."""
-    out = np.empty(3)
-    for i in range(3):
-        out[i] = x[i] + factor * y[i]
-    return out
+def _plus(x: Vector, factor: float, y: Vector) -> Triple:
+    """Return ``x + factor y``; three numbers, since a small array costs more than all the arithmetic on it."""
+    return x[0] + factor * y[0], x[1] + factor * y[1], x[2] + factor * y[2]
 
 
 @njit(cache=True)
-def _times(factor: float, x: Array) -> Array:
-    out = np.empty(3)
-    for i in range(3):
-        out[i] = factor * x[i]
-    return out
+def _times(factor: float, x: Vector) -> Triple:
+    return factor * x[0], factor * x[1], factor * x[2]
 
 
 @njit(cache=True)
-def _set(x: Array, value: Array) -> None:
-    for i in range(3):
-        x[i] = value[i]
+def _set(x: Array, value: Vector) -> None:
+    x[0], x[1], x[2] = value[0], value[1], value[2]
 
 
 @njit(cache=True)
-def _wanted_velocity(p: Array, goal: Array, v_max: float, a_max: float, k_p: float) -> Array:
+def _wanted_velocity(p: Vector, goal: Vector, v_max: float, a_max: float, k_p: float) -> Triple:
     """Towards the goal: proportional nearby, with room to brake farther away, at most v_max."""
     away = _plus(goal, -1.0, p)
     distance = _length(away)
     if distance < 1e-12:
-        return np.zeros(3)
+        return (0.0, 0.0, 0.0)
     # the speed from which a constant deceleration a_max/2 reaches the proportional part without a jump
     near = 0.5 * a_max / k_p**2
     speed = k_p * distance if distance < near else math.sqrt(a_max * (distance - 0.5 * near))
@@ -129,25 +129,25 @@ def _wanted_velocity(p: Array, goal: Array, v_max: float, a_max: float, k_p: flo
 
 
 @njit(cache=True)
-def _at_most(x: Array, size: float) -> Array:
+def _at_most(x: Vector, size: float) -> Triple:
     length = _length(x)
     return _times(size / length if length > size else 1.0, x)
 
 
 @njit(cache=True)
-def _approach(a: Array, goal: Array, largest_change: float) -> Array:
+def _approach(a: Vector, goal: Vector, largest_change: float) -> Triple:
     """Go from ``a`` towards ``goal``, at most by ``largest_change``."""
     return _plus(a, 1.0, _at_most(_plus(goal, -1.0, a), largest_change))
 
 
 @njit(cache=True)
-def _stop(p: Array, v: Array, a_max: float) -> Array:
+def _stop(p: Vector, v: Vector, a_max: float) -> Triple:
     """Where full braking along ``v`` ends."""
     return _plus(p, _length(v) / (2.0 * a_max), v)
 
 
 @njit(cache=True)
-def _gentle_stop(p: Array, v: Array, a: Array, a_max: float, j_max: float) -> Array:
+def _gentle_stop(p: Vector, v: Vector, a: Vector, a_max: float, j_max: float) -> Triple:
     """Where braking ends about when the jerk is bounded: ``a`` fades first, then the braking sets in."""
     fade = _length(a) / j_max
     v_then = _plus(v, 0.5 * fade, a)
@@ -156,16 +156,16 @@ def _gentle_stop(p: Array, v: Array, a: Array, a_max: float, j_max: float) -> Ar
 
 
 @njit(cache=True)
-def _within_speed(v: Array, a: Array, v_max: float, dt: float) -> Array:
+def _within_speed(v: Vector, a: Vector, v_max: float, dt: float) -> Triple:
     """Cut an acceleration that would carry the speed beyond its bound, as one of bounded jerk can."""
     ahead = _plus(v, dt, a)
     if _length(ahead) <= v_max:
-        return a
+        return a[0], a[1], a[2]
     return _times(1.0 / dt, _plus(_at_most(ahead, v_max), -1.0, v))
 
 
 @njit(cache=True)
-def _wanted_acceleration(p: Array, v: Array, a: Array, goal: Array, limits: Array, dt: float) -> Array:
+def _wanted_acceleration(p: Vector, v: Vector, a: Vector, goal: Vector, limits: Array, dt: float) -> Triple:
     """Towards the wanted velocity, within the bounds of acceleration, jerk and speed."""
     v_max, a_max, k_p, k_v, j_max = limits[0], limits[1], limits[2], limits[3], limits[4]
     lacking = _plus(_wanted_velocity(p, goal, v_max, a_max, k_p), -1.0, v)
@@ -215,8 +215,8 @@ def position_step(
             return
     if speed <= a_max * dt:  # comes to rest within the step
         _set(p, _stop(p, v, a_max))
-        _set(v, np.zeros(3))
-        _set(a, np.zeros(3))
+        _set(v, (0.0, 0.0, 0.0))
+        _set(a, (0.0, 0.0, 0.0))
     else:
         _set(a, brake)
         _set(p, _plus(_plus(p, dt, v), 0.5 * dt * dt, brake))

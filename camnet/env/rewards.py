@@ -27,10 +27,10 @@ class SharedReward:
         """Return the reward of the decision that has just ended."""
         weights, dt = self.settings, self.dt_s
         truth, controller = simulation.snapshot, simulation.network.scenario.controller
-        speed = np.linalg.norm(truth.agent_v_world, axis=1) / controller.reference_v_max_mps
-        outside = simulation.agents_outside()
+        top, outside = controller.reference_v_max_mps, simulation.agents_outside()
+        squares = [(x * x + y * y + z * z) / top**2 for x, y, z in truth.agent_v_world.tolist()]
         reward = weights.in_view * dt * float(simulation.visible.any(axis=0).mean())
-        reward -= weights.effort * dt * float(np.mean(np.minimum(speed, 3.0) ** 2))
+        reward -= weights.effort * dt * sum(min(s, 9.0) for s in squares) / len(squares)
         reward -= weights.region_exit * dt * float(np.count_nonzero(outside))
         reward -= weights.collision * float(bool(truth.collisions))
         return reward + self._handoffs(simulation)

@@ -37,11 +37,12 @@ class Engine:
     Parameters
     ----------
     physics : step and gravity
-    substeps : physics steps that one call of the engine takes; forces, torques and gravity act in all of them
+    substeps : physics steps that one call of the engine takes while it does not `watch` for contacts; forces, torques
+        and gravity act in all of them
     """
 
     def __init__(self, physics: PhysicsSettings, substeps: int = 1) -> None:
-        self._physics, self._substeps, self._single = physics, substeps, False
+        self._physics, self._substeps, self._watched = physics, substeps, False
         self.client: int = pb.connect(pb.DIRECT)
         if self.client < 0:
             raise WorldError("PyBullet gave no physics client; too many worlds are open: close() some")
@@ -57,19 +58,26 @@ class Engine:
         pb.setPhysicsEngineParameter(
             numSolverIterations=_SOLVER_ITERATIONS, deterministicOverlappingPairs=1, physicsClientId=c
         )
-        self._set_steps(self._single)
         self.names = {}
+        self._ground: int | None = None
+        self._watch(self._watched)
 
-    def single_steps(self, single: bool) -> None:
-        """Let a call of the engine take one physics step only, or all substeps again."""
-        if single != self._single:
-            self._set_steps(single)
+    def watch(self, on: bool) -> None:
+        """Watch for contacts: a call of the engine takes one physics step. Off: all substeps, and no ground to meet.
 
-    def _set_steps(self, single: bool) -> None:
-        self._single, count = single, 1 if single else self._substeps
+        The ground's bounds overlap everything, so the engine would test each body against it in each step.
+        """
+        if on != self._watched:
+            self._watch(on)
+
+    def _watch(self, on: bool) -> None:
+        self._watched, count = on, 1 if on else self._substeps
         pb.setPhysicsEngineParameter(
             fixedTimeStep=count / self._physics.step_hz, numSubSteps=count, physicsClientId=self.client
         )
+        if self._ground is not None:
+            meets = _FLYING if on else 0
+            pb.setCollisionFilterGroupMask(self._ground, -1, GROUND_MASK, meets, physicsClientId=self.client)
 
     def add(
         self, name: str, solid: Solid, p_world: Sequence[float], q: Array, color: _Color, mass_kg: float = 0.0
@@ -132,8 +140,8 @@ class Engine:
             physicsClientId=c,
         )
         body = pb.createMultiBody(0.0, shape, unseen, physicsClientId=c)
-        pb.setCollisionFilterGroupMask(body, -1, GROUND_MASK, _FLYING, physicsClientId=c)
-        self.names[body] = GROUND
+        self._ground, self.names[body] = body, GROUND
+        self._watch(self._watched)
 
     def place(self, body: int, p_world: Sequence[float], q_xyzw: Sequence[float]) -> None:
         """Put a body somewhere; its velocity becomes zero."""

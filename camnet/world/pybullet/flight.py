@@ -94,7 +94,10 @@ class Flight:
         for b in self._numbers:
             p, q = position(b, c)
             v, w = velocity(b, c)
-            flat += p + q + v + w
+            flat += p
+            flat += q
+            flat += v
+            flat += w
         self.bodies = np.array(flat).reshape(-1, 13)
 
     def _wind(self, wind: WindSettings, dt: float) -> Array:
@@ -136,7 +139,7 @@ class Flight:
         The gimbals have yet to make their last turn: `observe`.
         """
         touched: set[tuple[str, str]] = set()
-        self._engine.single_steps(watch)
+        self._engine.watch(watch)
         for period in range(self._periods):
             if period:
                 turn_gimbals(self._before, self.bodies, self.memory, self._command, self._constants)
@@ -153,8 +156,9 @@ class Flight:
 
     def observe(self, offset_body: Array, fixed: Array, start_p: Array) -> tuple[int, Array]:
         """End a control period; see `camnet.control.flight_kernel.end_period`."""
-        limits = self._physics
-        unsound, motion = end_period(
+        limits, n = self._physics, len(self._numbers)
+        motion = np.empty((2 * n + len(fixed), 13))
+        unsound = end_period(
             self._before,
             self.bodies,
             self.memory,
@@ -165,8 +169,9 @@ class Flight:
             start_p,
             limits.range_limit_m,
             limits.speed_limit_mps,
+            motion,
         )
-        return int(unsound), motion
+        return unsound, motion
 
     def _points(self) -> list[tuple[float, ...]]:
         c = self._engine.client

@@ -47,6 +47,7 @@ class KinematicMotion:
         """Start at rest: bodies at ``p_world`` (N,3), ``q`` (N,4), cameras at ``camera_p``, ``camera_q``."""
         n = len(numbers)
         self._numbers, self._q_body = numbers, q
+        self._engine.watch(True)
         self._arm = rotate(q, np.broadcast_to(self._offset, (n, 3)))
         self._frequency = rng.uniform(*_FREQUENCY_RANGE_RADPS, size=(n, 6))
         self._phase = rng.uniform(0.0, 2.0 * np.pi, size=(n, 6))

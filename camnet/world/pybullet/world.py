@@ -167,7 +167,7 @@ class PyBulletWorld:
         for k, target in enumerate(self.description.targets):
             state = target.motion.step(self._targets[k], t, dt, self._target_rngs[k])
             self._targets[k] = state
-            if not math.isfinite(state.p_world.sum() + state.q_world.sum()):
+            if not math.isfinite(sum(state.p_world.tolist()) + sum(state.q_world.tolist())):
                 raise SimulationError(
                     f"step {self._step}: pose of target {target.name!r} is not finite: {state.p_world}"
                 )
