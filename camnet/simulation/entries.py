@@ -52,7 +52,7 @@ def predict_entries(rollout: Rollout, regions: Sequence[Region]) -> list[Entry |
 
 
 def _first_entry(index: int, rollout: Rollout, region: Region) -> Entry | None:
-    distance = region.signed_distance(rollout.p_world)
+    distance = region.signed_distance(_levelled(rollout, region))
     if distance[0] <= 0.0:
         return None
     inside = np.flatnonzero(distance <= 0.0)
@@ -71,3 +71,16 @@ def _first_entry(index: int, rollout: Rollout, region: Region) -> Entry | None:
         radius_m=float(rollout.radius_m[k]),
         direct=bool(inside.size),
     )
+
+
+def _levelled(rollout: Rollout, region: Region) -> Array:
+    """Return the path (K, 3) with heights moved into the region's range, by no more than the error radius.
+
+    Regions end at the ground, targets are on it, and the estimate of the height is as often below as above: a path a
+    millimetre under the ground would otherwise meet no region at all.
+    """
+    p = rollout.p_world.copy()
+    low, high = region.bounds[:, 2]
+    rise = np.clip(p[:, 2], low, high) - p[:, 2]
+    p[:, 2] += np.clip(rise, -rollout.radius_m, rollout.radius_m)
+    return p

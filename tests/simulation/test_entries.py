@@ -42,3 +42,12 @@ def test_a_path_that_passes_by_warns_only_when_its_ball_touches() -> None:
 
 def test_a_path_that_leads_away_never_enters() -> None:
     assert predict_entries(straight((-0.5, 0.0)), [EAST]) == [None]
+
+
+def test_a_path_a_little_under_the_ground_enters_all_the_same() -> None:
+    """Heights are estimated with noise: within the error radius a path below the floor is on it."""
+    level = straight((0.5, 0.0), radius_m=0.05)
+    for depth, direct in ((0.002, True), (0.04, True), (0.2, False)):
+        p = level.p_world - np.array([0.0, 0.0, depth])
+        (entry,) = predict_entries(Rollout(level.t_s, p, level.q_world, level.radius_m), [EAST])
+        assert (entry is not None and entry.direct) == direct
