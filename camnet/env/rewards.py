@@ -29,8 +29,9 @@ class SharedReward:
         truth, controller = simulation.snapshot, simulation.network.scenario.controller
         top, outside = controller.reference_v_max_mps, simulation.agents_outside()
         squares = [(x * x + y * y + z * z) / top**2 for x, y, z in truth.agent_v_world.tolist()]
+        effort: float = sum(min(s, 9.0) for s in squares) / len(squares)
         reward = weights.in_view * dt * float(simulation.visible.any(axis=0).mean())
-        reward -= weights.effort * dt * sum(min(s, 9.0) for s in squares) / len(squares)
+        reward -= weights.effort * dt * effort
         reward -= weights.region_exit * dt * float(np.count_nonzero(outside))
         reward -= weights.collision * float(bool(truth.collisions))
         return reward + self._handoffs(simulation)
