@@ -14,7 +14,7 @@ from camnet.errors import WorldError
 from camnet.geometry.settings import Road
 from camnet.motion.curve import ClosedCurve
 from camnet.motion.factory import build_motion
-from camnet.motion.protocol import TargetMotion, TargetState
+from camnet.motion.protocol import TargetMotion, TargetState, planar_state
 from camnet.motion.settings import TargetSettings, VectorFieldTarget
 from camnet.motion.vector_field import Drive, VectorFieldMotion
 
@@ -293,3 +293,18 @@ def test_a_closed_road_may_repeat_its_first_point() -> None:
     motion = build_motion(target(start=(4.3, 0.0)), [road])
     assert isinstance(motion, VectorFieldMotion)
     np.testing.assert_allclose(run(motion, 5.0)[-1].p_world, run(built(start=(4.3, 0.0)), 5.0)[-1].p_world)
+
+
+@given(
+    st.floats(-6, 6), st.floats(-6, 6), st.floats(-7, 7), st.floats(0, 0.5), st.floats(-1, 1), st.booleans()
+)
+def test_compiled_step_on_a_loop_equals_the_readable_one(x, y, theta, v, w, lags):
+    motion = MOTIONS[lags]
+    state = planar_state(x, y, 0.0, theta, v, w, (theta, v, w))
+    fast = motion.step(state, 0.0, DT, np.random.default_rng(0))
+    slow = motion._step(x, y, theta, v, w, DT)
+    np.testing.assert_allclose(fast.p_world, slow.p_world, atol=1e-12)
+    np.testing.assert_allclose(fast.internal, slow.internal, atol=1e-9)
+
+
+MOTIONS = {lags: built(start=(4.0, 0.0), motor_lag_s=0.2 if lags else 0.0) for lags in (False, True)}

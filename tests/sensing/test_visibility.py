@@ -8,7 +8,7 @@ from camnet.geometry import rotations as rot
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.regions import BoxRegion
 from camnet.geometry.settings import CameraModel, Intrinsics
-from camnet.sensing.visibility import VisibilityTest, features_world
+from camnet.sensing.visibility import VisibilityTest, features_world, who_may_see
 from camnet.types import Snapshot
 
 CAMERAS = [
@@ -123,3 +123,24 @@ def test_nothing_in_view_asks_nothing():
 def test_one_region_a_camera():
     with pytest.raises(ValueError, match="3 cameras but 1 regions"):
         VisibilityTest(CAMERAS, FEATURES, [None])
+
+
+def test_pairs_that_are_ruled_out_are_not_looked_at():
+    """Ruling out before looking gives what masking afterwards gives, and asks for no sight line in vain."""
+    test, rng = VisibilityTest(CAMERAS, FEATURES, [None, None, None]), np.random.default_rng(3)
+    for _ in range(50):
+        snapshot, asked = scene(rng), []
+
+        def rays_clear(origins, points, asked=asked):
+            asked.append(len(points))
+            return points[:, 0] < 1.0
+
+        inside, working = rng.random((2, 3)) < 0.6, rng.random(3) < 0.8
+        allowed, region = who_may_see(inside, working, 2)
+        masked = test(snapshot, lambda o, p: p[:, 0] < 1.0)
+        masked[:2] &= inside[:, :2].T  # the third camera stands: its region is no bound
+        masked &= working[:, None]
+        np.testing.assert_array_equal(test(snapshot, rays_clear, allowed), masked)
+        sizes = np.array([len(f) for f in FEATURES])
+        assert sum(asked) == (test.in_view(snapshot) & allowed) @ sizes @ np.ones(3)
+        np.testing.assert_array_equal(region, np.where(inside.any(axis=1), inside.argmax(axis=1), -1))
