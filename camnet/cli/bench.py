@@ -25,6 +25,7 @@ BENCHMARKS = {
         "updates of the learning estimator against plain NumPy",
     ),
     "history-selection": ("camnet.experiments.bench_history", "choice of stack entries against brute force"),
+    "sensing": ("camnet.experiments.bench_sensing", "poses read from features and images of a marker"),
     "simulation": ("camnet.experiments.bench_simulation", "closed loop against real time and raw PyBullet"),
 }
 

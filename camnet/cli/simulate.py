@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,10 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--seeds", metavar="A-B", help="run many seeds, e.g. 1-10; a second call goes on where it stopped"
     )
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes for --seeds (default: 2)")
+    parser.add_argument(
+        "--model", metavar="FILE", help="start from learned models that --save-model wrote (run.model)"
+    )
+    parser.add_argument("--save-model", type=Path, metavar="FILE", help="write what was learned (.npz)")
     parser.add_argument("--no-video", action="store_true", help="write no video (about half of the time)")
     parser.add_argument("--no-report", action="store_true", help="write figures and log only, no pictures")
     parser.set_defaults(run=run)
@@ -43,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
     from camnet.config.models import Scenario
     from camnet.config.traffic import expand_traffic
 
-    scenario = load_scenario(args.config, overrides(args), seed=args.seed)
+    # JSON is YAML: quotes keep any file name whole
+    model = [] if args.model is None else [f"run.model={json.dumps(args.model)}"]
+    scenario = load_scenario(args.config, [*overrides(args), *model], seed=args.seed)
     if isinstance(scenario, Scenario) and scenario.traffic is not None:
         say("preparing the traffic (kept for the next run) ...")
         scenario = expand_traffic(scenario, cache_folder())
@@ -53,7 +60,10 @@ def run(args: argparse.Namespace) -> int:
     if isinstance(scenario, Scenario):
         return _network(args, scenario, folder)
     from camnet.cli.simulate_recorded import run_and_write
+    from camnet.errors import ConfigError
 
+    if args.save_model is not None:
+        raise ConfigError(f"--save-model {args.save_model}: a recording's predictor keeps no such model")
     return run_and_write(args, scenario, folder)
 
 
@@ -64,6 +74,8 @@ def _many(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imp
 
     if not isinstance(scenario, Scenario):
         raise ConfigError(f"--seeds {args.seeds}: a recording is replayed once; its predictions have no seed")
+    if args.save_model is not None:
+        raise ConfigError(f"--save-model {args.save_model}: with --seeds there is no one model to save")
     if args.jobs < 1:
         raise ConfigError(f"--jobs {args.jobs}: give a whole number of at least 1")
     return run_and_write(args, scenario, Path(args.out or f"runs/{scenario.name}-seeds"))
@@ -74,7 +86,7 @@ def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # n
     from camnet.simulation.run import run_network
 
     with progress_bar(scenario.run.duration_s, "simulating", "s", args.quiet) as advance:
-        result = run_network(scenario, scenario.seed, progress=advance)
+        result = run_network(scenario, scenario.seed, progress=advance, save_model=args.save_model)
     content = {
         "summary": result.summary,
         "seed": scenario.seed,

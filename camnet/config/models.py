@@ -83,11 +83,13 @@ class RunSettings(Settings):
 
     The first estimator drives the agents. ``learned_shared`` lets all targets learn from each other; ``printed`` is the
     learned one without the remedies of the gap problem; ``ideal`` knows the true velocity now, ``oracle`` the future.
+    ``model`` is a file of learned models to start from (``camnet simulate --save-model``).
     """
 
     duration_s: Positive = 300.0
     decision_hz: Positive = 10.0
     log_hz: Positive = 10.0
+    model: Path | None = None
     estimators: Annotated[
         tuple[Literal["learned", "learned_shared", "printed", "adate", "ekf", "ukf", "ideal", "oracle"], ...],
         Field(min_length=1),

@@ -77,6 +77,19 @@ class Lens:
         """Rays (bottom - top + 1, right - left + 1, 2) of the corners of the pixels [left, right) x [top, bottom)."""
         return self._corner_rays[top : bottom + 1, left : right + 1]
 
+    def normalise(self, pixels: Array) -> Array:
+        """Normalised coordinates (..., 2) of pixels (..., 2) in the image, linear within a pixel; NaN stays."""
+        if not self.pinhole.distorted:
+            return np.asarray((pixels - self.pinhole.centre) / self.pinhole.focal)
+        grid = self._corner_rays
+        known = np.isfinite(pixels).all(axis=-1, keepdims=True)
+        place = np.clip(np.where(known, pixels + 0.5, 0.0), 0.0, np.array(grid.shape[1::-1]) - 1.0 - 1e-9)
+        u, v = np.moveaxis(place.astype(int), -1, 0)
+        s, t = np.moveaxis(place - np.floor(place), -1, 0)[..., None]
+        top = (1 - s) * grid[v, u] + s * grid[v, u + 1]
+        low = (1 - s) * grid[v + 1, u] + s * grid[v + 1, u + 1]
+        return np.where(known, (1 - t) * top + t * low, np.nan)
+
 
 def undistort(pinhole: Pinhole, pixels: Array) -> Array:
     """Normalised coordinates (..., 2) of pixels (..., 2) by fixed-point iteration.

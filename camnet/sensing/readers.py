@@ -200,14 +200,14 @@ class ImageReader:
         patch = self.patch(snapshot, camera, target)
         if patch is None:
             return None
-        marker, lens = self._markers[target], self._lenses[camera].pinhole
+        marker, lens = self._markers[target], self._lenses[camera]
         picture = develop(patch.pixels, self._settings, rng)
         offset = np.array([patch.left, patch.top])
         seen = self.corners(picture, marker, lambda pixels: lens.normalise(pixels + offset))
         if seen is None:
             return None
         frame = Pose(marker.p_body, marker.q_body)
-        found = solve_pose(marker.square(), frame, seen, float(lens.focal[0]), "square")
+        found = solve_pose(marker.square(), frame, seen, lens.intrinsics.fx_px, "square")
         limit = self._settings.max_reprojection_px
         plausible = [one for one in found if one.error_px <= limit and self._range.holds(camera, one)]
         if not plausible:

@@ -21,6 +21,7 @@ from camnet.control.references import ReferenceGenerator
 from camnet.control.sliding_mode import SlidingModeController
 from camnet.errors import ConfigError
 from camnet.estimation.delayed import DelayedFilter
+from camnet.estimation.persistence import load_models
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.settings import SensingSettings
 from camnet.sensing.visibility import VisibilityTest, who_may_see
@@ -30,6 +31,7 @@ from camnet.simulation.entries import Entry, predict_entries
 from camnet.simulation.filters import TargetTruth, build_filters
 from camnet.simulation.gaps import GapRecorder
 from camnet.simulation.handoff import HandoffTracker
+from camnet.simulation.models import start_from
 from camnet.simulation.network import Network
 from camnet.simulation.statistics import RunStatistics
 from camnet.types import Array, BoolArray, Pose, PoseMeasurement, Snapshot, Twist
@@ -82,6 +84,7 @@ class NetworkSimulation:
         )
         self._rays_clear = world.rays_clear if network.can_occlude else None
         self._certificates = network_certificates(network)
+        self._saved = [] if scenario.run.model is None else load_models(scenario.run.model)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -108,6 +111,8 @@ class NetworkSimulation:
         self.filters: dict[str, list[TargetFilter]] = {
             name: self._build_filters(name) for name in self.filter_names
         }
+        if scenario.run.model is not None:
+            start_from(self._saved, scenario.run.model, self.filters, network.basis, network.n_models)
         self.trackers = [HandoffTracker(m, scenario.handoff.grace_s) for m in range(network.n_targets)]
         handoff = scenario.handoff
         self.gaps = [

@@ -123,6 +123,11 @@ class Network:
         return {j: Viewpoints(settings, self.regions[j], self.cameras[j], solids, roads) for j in detoured}
 
     @property
+    def n_models(self) -> int:
+        """Number of models that a learning estimator has."""
+        return 1 if self.scenario.estimator.share else len(self.regions)
+
+    @property
     def n_targets(self) -> int:
         """Number of targets."""
         return len(self.scenario.targets)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from camnet.simulation.coordination import Role, Task, assign
 from camnet.simulation.handoff import Handoff
 from camnet.simulation.log import RunLog
 from camnet.simulation.loop import NetworkSimulation, Setpoints
+from camnet.simulation.models import check_saving, save_learned
 from camnet.simulation.network import Network, build_network
 from camnet.simulation.recorder import Recorder
 from camnet.simulation.summary import summarise
@@ -57,17 +59,26 @@ def open_simulation(
 
 
 def run_network(
-    scenario: Scenario, seed: int, filters: tuple[str, ...] | None = None, progress: Progress | None = None
+    scenario: Scenario,
+    seed: int,
+    filters: tuple[str, ...] | None = None,
+    progress: Progress | None = None,
+    save_model: Path | None = None,
 ) -> RunResult:
     """Simulate ``scenario`` for its duration under the built-in handoff rule.
 
-    A keyboard interrupt ends the run early; its result is valid up to there and marked.
+    A keyboard interrupt ends the run early; its result is valid up to there and marked. With ``save_model`` what was
+    learned is written to that file.
 
     Raises
     ------
+    ConfigError
+        Nothing can be saved in ``save_model``.
     SimulationError
         The physics diverged; the message names body and step.
     """
+    if save_model is not None:
+        check_saving(save_model, scenario.run.estimators if filters is None else filters)
     simulation = open_simulation(scenario, seed, filters)
     recorder = Recorder(simulation)
     interrupted, start = False, time.perf_counter()
@@ -79,6 +90,9 @@ def run_network(
         simulation.world.close()
     wall_s = time.perf_counter() - start
     simulation.statistics.finish()
+    if save_model is not None:
+        network = simulation.network
+        save_learned(save_model, simulation.filters, network.basis, network.n_models)
     summary = summarise(simulation, wall_s, interrupted)
     handoffs = [_handoff_record(simulation, h) for t in simulation.trackers for h in t.handoffs]
     return RunResult(summary, recorder.log, handoffs, simulation.network, interrupted)

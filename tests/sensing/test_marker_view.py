@@ -115,6 +115,22 @@ def test_corners_are_found_where_the_lens_puts_them(intrinsics):
     assert np.abs(np.mean(errors, axis=0)).max() * 420.0 < 0.05
 
 
+@pytest.mark.parametrize("intrinsics", [PLAIN, BENT])
+def test_lens_inverts_the_projection(intrinsics):
+    """Against the camera's forward distortion, and its Newton inverse."""
+    lens = Lens(intrinsics)
+    pixels = np.random.default_rng(0).uniform([0, 0], [639, 367], (200, 2))
+    pixels[7, 0] = np.nan
+    rays = lens.normalise(pixels)
+    again = lens.pinhole.project(np.concatenate([rays, np.ones((200, 1))], axis=1))
+    np.testing.assert_allclose(
+        again, np.where(np.isnan(pixels).any(axis=1)[:, None], np.nan, pixels), atol=2e-4
+    )
+    corners = lens.rays(100, 50, 102, 53)
+    u, v = np.meshgrid([99.5, 100.5, 101.5], [49.5, 50.5, 51.5, 52.5])
+    np.testing.assert_allclose(corners, lens.pinhole.normalise(np.stack([u, v], axis=-1)), atol=1e-8)
+
+
 def test_blur_of_an_exposure_is_the_mean_of_the_instants():
     moving = {"v": (0.3, 0.4, 0.0), "w": (0, 0, 1.5), "v_cam": (0.5, -0.2, 0.1), "w_cam": (0.3, -0.4, 0.5)}
     start, exposure = {"p": np.array([0.1, 0.0, 0.0]), "yaw": 0.4}, 0.04
