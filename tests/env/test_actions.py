@@ -60,7 +60,7 @@ def test_the_built_in_rule_flies_by_velocities_too() -> None:
     env.close()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from(REGIONS),
     st.lists(st.tuples(*[st.floats(-1.5, 1.5)] * 3), min_size=1, max_size=6),

@@ -40,7 +40,7 @@ def check_random(options: dict[str, Any], seed: int) -> None:
     conformance.check_containment(make, episodes=1, seed=seed)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
 @given(strategies.environments(max_cycles=4), st.integers(0, 2**31))
 def test_random_environments_conform(options: dict[str, Any], seed: int) -> None:
     check_random(options, seed)
@@ -53,7 +53,7 @@ def test_a_thousand_random_environments_conform(options: dict[str, Any], seed: i
     check_random(options, seed)
 
 
-@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=2, deadline=None, suppress_health_check=list(HealthCheck))
 @given(strategies.environments(max_cycles=4))
 def test_random_environments_repeat(options: dict[str, Any]) -> None:
     first, second = (handoff_v0.parallel_env(**options) for _ in range(2))
