@@ -43,7 +43,7 @@ def _grey(image: NDArray[np.uint8], x: float, y: float) -> float:
     s, t = x - i, y - j
     top = (1.0 - s) * image[j, i] + s * image[j, i + 1]
     low = (1.0 - s) * image[j + 1, i] + s * image[j + 1, i + 1]
-    return (1.0 - t) * top + t * low
+    return float((1.0 - t) * top + t * low)
 
 
 @njit(cache=True)

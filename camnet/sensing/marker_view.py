@@ -217,7 +217,7 @@ def _module(h: Array, x: float, y: float) -> tuple[float, float]:
 def _spread(count: int, step: float) -> Array:
     """``count`` even numbers about 1/2: multiples of ``step`` modulo 1, their mean shifted to 1/2."""
     x = (np.arange(count) * step) % 1.0
-    return x - np.mean(x) + 0.5
+    return np.asarray(x - np.mean(x) + 0.5)
 
 
 @njit(cache=True, error_model="numpy")

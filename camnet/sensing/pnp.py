@@ -80,7 +80,7 @@ def solve_pose(
     """
     found = _solve(points, seen, _METHODS[method])
     if refine:
-        found = [cv2.solvePnPRefineLM(points, seen, _IDENTITY, None, r, t) for r, t in found]
+        found = [_refined(points, seen, r, t) for r, t in found]
     back = conjugate(frame.q)
     poses = []
     for one in _rated(points, seen, focal_px, found):
@@ -94,14 +94,20 @@ def _solve(points: Array, seen: Array, method: int) -> list[tuple[Array, Array]]
         count, turns, places, _ = cv2.solvePnPGeneric(points, seen, _IDENTITY, None, flags=method)
     except cv2.error:  # the solvers give up on degenerate sets of points
         return []
-    return list(zip(turns[:count], places[:count], strict=True))
+    pairs = zip(turns[:count], places[:count], strict=True)
+    return [(np.asarray(r, dtype=np.float64), np.asarray(t, dtype=np.float64)) for r, t in pairs]
+
+
+def _refined(points: Array, seen: Array, turn: Array, place: Array) -> tuple[Array, Array]:
+    r, t = cv2.solvePnPRefineLM(points, seen, _IDENTITY, None, turn, place)
+    return np.asarray(r, dtype=np.float64), np.asarray(t, dtype=np.float64)
 
 
 def _rated(points: Array, seen: Array, focal_px: float, found: list[tuple[Array, Array]]) -> list[Candidate]:
     out = []
     for turn, place in found:
-        q = exp(np.asarray(turn, dtype=np.float64).ravel())
-        p = np.asarray(place, dtype=np.float64).ravel()
+        q = exp(turn.ravel())
+        p = place.ravel()
         there = points @ to_matrix(q).T + p
         if not (np.isfinite(there).all() and (there[:, 2] > 0.0).all()):
             continue

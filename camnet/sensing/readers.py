@@ -154,7 +154,7 @@ def develop(
 ) -> NDArray[np.uint8]:
     """Picture (h, w), 8 bits, that a sensor makes of ideal grey levels: lens blur, gain, noise, rounding."""
     if settings.blur_px > 0.0:
-        pixels = cv2.GaussianBlur(pixels, (0, 0), settings.blur_px)
+        pixels = np.asarray(cv2.GaussianBlur(pixels, (0, 0), settings.blur_px), dtype=np.float32)
     gain = np.float32(np.exp(settings.gain_std * rng.standard_normal()))
     noise = rng.standard_normal(pixels.shape, dtype=np.float32)
     levels = gain * pixels + np.float32(settings.noise_levels) * noise
@@ -222,7 +222,7 @@ class ImageReader:
         k = lens.intrinsics
         if self._render is not None and s.renderer == "pybullet":
             scene = cv2.cvtColor(self._render(camera, k.width_px, k.height_px), cv2.COLOR_RGB2GRAY)
-            return Patch(_through_lens(scene, lens).astype(np.float32), 0, 0)
+            return Patch(_through_lens(np.asarray(scene, dtype=np.float32), lens), 0, 0)
         marker = self._markers[target]
         plane, rate = marker_motion(snapshot, camera, target, marker)
         around = self._around[k.width_px, k.height_px]
@@ -233,9 +233,8 @@ class ImageReader:
     ) -> Array | None:
         """Corners (4, 2) of the marker in what ``normalise`` makes of pixels (..., 2); None if it was not found."""
         corners, numbers, _ = self._detector(picture).detectMarkers(picture)
-        if numbers is None:
-            return None
-        for found, number in zip(corners, np.ravel(numbers), strict=True):
+        # where nothing is found there are no corners, and numbers is None
+        for found, number in zip(corners, np.ravel(numbers), strict=False):
             if number == marker.number:
                 return refine_corners(picture, found.reshape(4, 2).astype(np.float64), MODULES, normalise)
         return None
@@ -258,7 +257,7 @@ def _shared_lenses(cameras: Sequence[CameraModel]) -> list[Lens]:
     return [known.setdefault(c.intrinsics.model_dump_json(), Lens(c.intrinsics)) for c in cameras]
 
 
-def _through_lens(scene: NDArray[np.uint8], lens: Lens) -> NDArray[np.uint8]:
+def _through_lens(scene: NDArray[np.float32], lens: Lens) -> NDArray[np.float32]:
     """Give a picture without distortion that of the lens."""
     if not lens.pinhole.distorted:
         return scene
@@ -266,4 +265,5 @@ def _through_lens(scene: NDArray[np.uint8], lens: Lens) -> NDArray[np.uint8]:
     corners = lens.rays(0, 0, k.width_px, k.height_px)
     middles = 0.25 * (corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:])
     where = (middles * lens.pinhole.focal + lens.pinhole.centre).astype(np.float32)
-    return np.asarray(cv2.remap(scene, where[..., 0], where[..., 1], cv2.INTER_LINEAR))
+    bent = cv2.remap(scene, where[..., 0], where[..., 1], cv2.INTER_LINEAR)
+    return np.asarray(bent, dtype=np.float32)
