@@ -53,7 +53,7 @@ ROWS = ("none", "prior", "across", "roads", "experience", "prior_across", "roads
 #: world: its overrides, the run's length (s), whether targets travel roads both ways
 WORLDS: Mapping[str, tuple[tuple[str, ...], float, bool]] = {
     "quickstart": ((), 360.0, False),
-    "stationary_loop": ((), 720.0, False),
+    "stationary_loop": ((), 500.0, False),
     "patrol": (
         (
             "estimator.basis.spacing_m=2.0",
@@ -61,7 +61,7 @@ WORLDS: Mapping[str, tuple[tuple[str, ...], float, bool]] = {
             "estimator.basis.heading_scale_m=4.0",
             "handoff.lookahead_s=60",
         ),
-        1200.0,
+        700.0,
         True,
     ),
 }

@@ -61,7 +61,7 @@ def _row(settings: EstimatorSettings, shared: bool) -> FilterMaker:
 
 
 def row_makers(scene: RoadSceneSettings) -> dict[str, FilterMaker]:
-    """Rows beside the named ones; `learned_pace` is for targets whose speed varies."""
+    """Rows beside the named ones; those not in `ROWS` are for `record` alone: private memories, other priors, pace."""
     ours = scene.estimator
 
     def changed(**gap: Any) -> EstimatorSettings:  # noqa: ANN401 - fields of GapSettings
@@ -244,8 +244,6 @@ def _runs(flags: BoolArray) -> list[int]:
 NOTES = {
     "scored_from_s": "after the first 300 s, in which one robot is followed (camnet.experiments.road_network_scene)",
     "learned": "our settings; both robots' estimators share one memory; steers the quadrotor",
-    "learned_turn": "the same, but where there is no data by constant turn instead of along the road",
-    "learned_private": "the same with a memory of its own for each robot",
     "learned_published": (
         "published gains, kernels, form and stack (2000, shared), no remedies; windows of 0.1 s one after another, "
         "D-optimal choice, where the paper's rule chooses by an eigenvalue below rounding"
