@@ -12,13 +12,14 @@ from scipy import stats
 
 from camnet.errors import ConfigError
 from camnet.estimation.ekf import ConstantVelocityEKF
+from camnet.estimation.observation import measured_world_pose
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import EkfSettings
 from camnet.estimation.ukf import ConstantVelocityUKF
 from camnet.experiments.motion_learning import interval, print_table, run
 from camnet.experiments.motion_learning_published import PublishedEstimator, published_basis
 from camnet.experiments.motion_learning_rows import ROWS, Trace, build_rows, follow, score
-from camnet.experiments.motion_learning_runs import digest, run_seed, run_seeds
+from camnet.experiments.motion_learning_runs import digest, image_noise, run_seed, run_seeds
 from camnet.experiments.motion_learning_scene import (
     Recording,
     SceneSettings,
@@ -66,6 +67,19 @@ def test_recording_is_repeatable_and_the_schedule_alone_hides(short_recording: R
     for a, b in zip(again.measurements, short_recording.measurements, strict=True):
         assert a is None or (b is not None and np.array_equal(a.p_cam, b.p_cam))
     assert not np.array_equal(record(SHORT, 4).p_world, short_recording.p_world)
+
+
+def test_images_show_the_same_and_only_what_the_schedule_leaves(short_recording: Recording) -> None:
+    """The marker is found in every frame that is looked at; its pose scatters by millimetres."""
+    seen = np.array([m is not None for m in short_recording.images])
+    np.testing.assert_array_equal(seen, short_recording.on)
+    noise = image_noise(short_recording)
+    assert noise["position_std_m"] < 0.005
+    assert noise["orientation_std_deg"] < 1.0
+    for image, pose in zip(short_recording.images, short_recording.measurements, strict=True):
+        if image is not None and pose is not None:
+            # the same calibration errors: only the noise of a frame is another
+            assert np.linalg.norm(measured_world_pose(image)[0] - measured_world_pose(pose)[0]) < 0.04
 
 
 def test_slip_has_the_stated_spread() -> None:
@@ -203,6 +217,8 @@ def test_acceptance_on_two_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[s
     rows = {name: {k: v["mean"] for k, v in row.items()} for name, row in result["rows"].items()}
     assert rows["learned"]["position_rmse_m"] <= 0.08
     assert rows["learned"]["orientation_rmse_deg"] <= 8.0
+    assert rows["learned_image"]["position_rmse_m"] <= 0.10
+    assert rows["learned_image"]["orientation_rmse_deg"] <= 10.0
     assert 0.015 <= rows["ideal"]["position_rmse_m"] <= 0.06
     assert 0.6 <= rows["ideal"]["orientation_rmse_deg"] <= 2.4
     for measure in ("position_rmse_m", "orientation_rmse_deg"):
