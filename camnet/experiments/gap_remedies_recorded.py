@@ -22,8 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from camnet.config.load import load_scenario
-from camnet.config.recorded import RecordedScenario
+from camnet.config.recorded import GeodeticOrigin, RecordedScenario, TrackFiles
 from camnet.errors import ConfigError
 from camnet.estimation.crossing import (
     CrossingSettings,
@@ -38,7 +37,7 @@ from camnet.experiments.recorded_rows import remedy_rows
 from camnet.importers.geodesy import Origin
 from camnet.types import Array
 
-__all__ = ["ReentryClock", "run_recorded_remedies"]
+__all__ = ["ReentryClock", "meva_scenario", "run_recorded_remedies"]
 
 #: row here: row of the replay
 _ROWS = {
@@ -105,9 +104,7 @@ def run_recorded_remedies(data: Path, seed: int) -> dict[str, Any]:
     ConfigError
         The folder holds no such recording.
     """
-    scenario = load_scenario(_recipe(), [f"data={data}"])
-    if not isinstance(scenario, RecordedScenario):
-        raise ConfigError(f"{data}: no recording")
+    scenario = meva_scenario(data)
     clocks: list[ReentryClock] = []
 
     def rows(settings: CrossingSettings, cameras: int, bounds: Array) -> Mapping[str, GapPredictor]:
@@ -134,8 +131,24 @@ def run_recorded_remedies(data: Path, seed: int) -> dict[str, Any]:
     return _tabulate(result, clocks[0])
 
 
-def _recipe() -> Path:
-    return Path(__file__).resolve().parents[2] / "configs" / "meva.yaml"
+def meva_scenario(data: Path) -> RecordedScenario:
+    """Return the settings of the recording in ``data``: those of ``configs/meva.yaml``, which an installed package does not have.
+
+    Raises
+    ------
+    ConfigError
+        The folder holds no such recording.
+    """
+    scenario = RecordedScenario(
+        name="meva",
+        kind="recorded",
+        data=data,
+        tracks=TrackFiles(file=data / "tracks.csv.gz"),
+        origin=GeodeticOrigin(latitude_deg=39.04977294, longitude_deg=-85.52924953, altitude_m=205.0),
+    )
+    if not scenario.camera_files() or not scenario.tracks.file.is_file():
+        raise ConfigError(f"--data {data}: expected cameras/*.krtd and tracks.csv.gz in this folder")
+    return scenario
 
 
 def _tabulate(result: RecordedResult, clock: ReentryClock) -> dict[str, Any]:

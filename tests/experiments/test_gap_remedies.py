@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from camnet.config.load import load_scenario
 from camnet.errors import ConfigError
 from camnet.estimation import EstimatorSettings, LearningEstimator, place_basis
 from camnet.estimation.crossing import CrossingSettings, Lesson, Sighting
 from camnet.estimation.settings import BasisSettings, GapSettings
 from camnet.experiments.gap_experience import ExperienceFilter, LessonBook, Lessons
 from camnet.experiments.gap_remedies import ROWS, print_table, run, tabulate
-from camnet.experiments.gap_remedies_recorded import ReentryClock
+from camnet.experiments.gap_remedies_recorded import ReentryClock, meva_scenario
 from camnet.geometry.rotations import from_yaw
+from camnet.report.experiments import write_gap_remedies
 from camnet.simulation.gaps import Gap
 from camnet.types import CameraMotion, PoseMeasurement
 
@@ -124,3 +128,19 @@ def test_without_a_recording_the_table_says_so(capsys: pytest.CaptureFixture[str
     assert "meva: skipped" in capsys.readouterr().out
     with pytest.raises(ConfigError, match="seeds: 0"):
         run(seeds=0)
+
+
+def test_the_recording_is_that_of_the_recipe(shared_data: Path, project_root: Path, tmp_path: Path) -> None:
+    data = shared_data / "meva"
+    recipe = load_scenario(project_root / "configs" / "meva.yaml", [f"data={data}"])
+    ours, theirs = meva_scenario(data).model_dump(), recipe.model_dump()
+    different = {key for key in theirs if ours[key] != theirs[key]}
+    assert different <= {"description"}
+    with pytest.raises(ConfigError, match=r"expected cameras/\*.krtd"):
+        meva_scenario(tmp_path)
+
+
+def test_the_figure_is_drawn(tmp_path: Path) -> None:
+    table = tabulate([[gap((0, 1), 10.0, 1.0), gap((0, 1), 30.0, 0.1)]])
+    write_gap_remedies({"quickstart": table}, ROWS, tmp_path / "remedies.png")
+    assert (tmp_path / "remedies.png").stat().st_size > 5000
