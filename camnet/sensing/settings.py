@@ -8,7 +8,7 @@ from pydantic import Field
 
 from camnet.settings import Fraction, NonNegative, Positive, Settings
 
-__all__ = ["FeatureSettings", "ImageSettings", "SensingSettings"]
+__all__ = ["FeatureSettings", "ImageSettings", "SensingSettings", "TrackerSettings"]
 
 
 class FeatureSettings(Settings):
@@ -47,17 +47,32 @@ class ImageSettings(Settings):
     max_reprojection_px: Positive = 1.5
 
 
+class TrackerSettings(Settings):
+    """Level ``image_tracker``: no marker; a correlation tracker follows the target's box through rendered pictures.
+
+    The first box of a sighting is a detector's, its edges off by ``detector_noise_px``. Below a peak-to-sidelobe ratio
+    of ``least_psr`` the target is lost and the detector asked again. The heading is the direction of travel, known
+    once the target has moved by ``heading_m``. Grey levels get noise of ``noise_levels``.
+    """
+
+    detector_noise_px: NonNegative = 1.0
+    least_psr: NonNegative = 8.0
+    heading_m: Positive = 0.1
+    noise_levels: NonNegative = 2.0
+
+
 class SensingSettings(Settings):
     """How the truth becomes measurements.
 
     ``level: pose`` is the true relative pose plus noise, ``features`` that which explains noisy pixels of the
-    target's feature points, ``image`` that of a marker found in an image; ``position_noise_m`` and
+    target's feature points, ``image`` that of a marker found in an image, ``image_tracker`` that of a box followed
+    through images, without a marker; ``position_noise_m`` and
     ``orientation_noise_rad`` are of the first level alone. ``regression_samples`` is the window from which rates
     are regressed (20 in parikh2018), never from the truth; ``regression_degree`` 1 gives the rates in the middle of
     that window, 2 those at its end with four times the noise. A measurement comes ``latency_s`` after its image.
     """
 
-    level: Literal["pose", "features", "image"] = "pose"
+    level: Literal["pose", "features", "image", "image_tracker"] = "pose"
     rate_hz: Positive = 30.0
     position_noise_m: NonNegative = 0.01
     orientation_noise_rad: NonNegative = 0.01
@@ -67,3 +82,4 @@ class SensingSettings(Settings):
     regression_degree: Literal[1, 2] = 1
     features: FeatureSettings = FeatureSettings()
     image: ImageSettings = ImageSettings()
+    tracker: TrackerSettings = TrackerSettings()

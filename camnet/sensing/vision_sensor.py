@@ -61,7 +61,7 @@ def build_sensor(
 ) -> PoseSensor:
     """Sensor of the chosen level for C cameras and M targets with feature points (K, 3) each.
 
-    ``render`` draws whole scenes; only ``image`` with ``renderer: pybullet`` asks for it.
+    ``render`` draws whole scenes; ``image`` with ``renderer: pybullet`` and ``image_tracker`` ask for it.
 
     Raises
     ------
@@ -75,4 +75,8 @@ def build_sensor(
 
     if settings.level == "features":
         return VisionSensor(settings, FeatureReader(settings.features, cameras, features), *size)
+    if settings.level == "image_tracker":
+        from camnet.sensing.tracker_reader import TrackerReader
+
+        return VisionSensor(settings, TrackerReader(settings.tracker, cameras, features, render), *size)
     return VisionSensor(settings, ImageReader(settings.image, cameras, features, render), *size)

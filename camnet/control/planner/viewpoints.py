@@ -118,7 +118,7 @@ class Viewpoints:
     def _gaze(self, place: Array, point: Array) -> Array:
         pan, tilt = gaze_angles(point - place)
         limit = self._settings.gaze_max_rad
-        return np.clip(np.array([float(pan), float(tilt)]), -limit, limit)
+        return np.asarray(np.clip(np.array([float(pan), float(tilt)]), -limit, limit))
 
     def _resting_place(self, roads: Sequence[Array]) -> Setpoint:
         """Free place, as high as `setpoints.loiter` goes, that sees most of the roads; else one near the middle."""
