@@ -66,7 +66,7 @@ def plot_voyage(
 
 
 def plot_convergence(steps: Sequence[Sequence[Sequence[float]]], path: Path) -> None:
-    """Largest move of a sample against iteration, median and 95 % over all plans of all worlds.
+    """Largest move of a sample against the step of a re-plan, median and 95 % over all worlds.
 
     Parameters
     ----------
@@ -85,8 +85,12 @@ def plot_convergence(steps: Sequence[Sequence[Sequence[float]]], path: Path) -> 
         number = np.arange(1, longest + 1)
         left.semilogy(number, np.nanmedian(table, axis=0), "o-", ms=3, label="median")
         left.semilogy(number, np.nanpercentile(table, 95, axis=0), "s-", ms=3, label="95 %")
-        left.set(xlabel="iteration", ylabel="largest move of a sample (m)", title="descents still running")
+        left.set(
+            xlabel="step in a re-plan", ylabel="largest move of a sample (m)", title="re-plans still at work"
+        )
+        left.set_xticks(np.arange(1, longest + 1))
         left.legend()
         right.hist([len(p) for p in plans], bins=np.arange(0.5, longest + 1.5), color=_FLOWN)
-        right.set(xlabel="iterations to convergence", ylabel="plans", yscale="log", title="all plans")
+        right.set(xlabel="steps in a re-plan", ylabel="re-plans", yscale="log", title="all re-plans")
+        right.set_xticks(np.arange(1, longest + 1))
         save(figure, path)

@@ -11,6 +11,7 @@ from camnet.control.settings import ControllerSettings
 from camnet.geometry.regions import BoxRegion
 from camnet.geometry.settings import CameraModel, Intrinsics
 from camnet.simulation.network import build_network
+from camnet.simulation.run import run_network
 
 REGION = BoxRegion("r", (0, 0, 0), (10, 10, 3.5))
 WALL = box((5, 5, 2), (2.0, 0.2, 2.0))
@@ -65,6 +66,16 @@ def test_where_the_straight_way_is_blocked_the_goal_itself_is_asked_for(views):
     beside = np.array([9.0, 8.0, 2.0])
     eased = views.on_the_way(goal, beside)
     np.testing.assert_array_equal(eased.p_world, at_ease(goal, beside, SETTINGS).p_world)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_agents_of_the_shipped_course_hand_the_robot_over_without_touching(seed):
+    scenario = load_scenario("obstacle_course", ["run.duration_s=300"], seed=seed)
+    summary = run_network(scenario, seed, ("learned",)).summary
+    assert summary["collisions"] == 0
+    assert summary["handoffs"]["attempted"] >= 3
+    assert summary["handoffs"]["completed"] >= 0.9 * summary["handoffs"]["attempted"]
 
 
 def test_the_shipped_course_gives_both_agents_places_that_are_free():
