@@ -132,7 +132,7 @@ def run_recorded_remedies(data: Path, seed: int) -> dict[str, Any]:
 
 
 def meva_scenario(data: Path) -> RecordedScenario:
-    """Return the settings of the recording in ``data``: those of ``configs/meva.yaml``, which an installed package does not have.
+    """Return the settings of the recording in ``data``, those of the recipe ``configs/meva.yaml``.
 
     Raises
     ------

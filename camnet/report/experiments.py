@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from camnet.geometry.rotations import angle_between, yaw_of
 from camnet.report.run_data import spans
@@ -195,7 +196,9 @@ def write_gap_remedies(worlds: Mapping[str, Mapping[str, Any]], rows: Sequence[s
             axis.set_yticks(range(len(rows)), [name.replace("_", " + ") for name in rows])
             axis.invert_yaxis()
             axis.set(xscale="log", title=world, xlabel="median error at re-sighting (m)")
-        axes[0].legend(fontsize=7, loc="lower right")
+            axis.set_xlim(left=0.5 * axis.dataLim.minpos[0])
+            axis.xaxis.set_minor_formatter(NullFormatter())
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
         save(figure, path)
 
 
