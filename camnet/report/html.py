@@ -21,7 +21,7 @@ body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2rem auto;paddin
 h1{font-size:1.5rem;margin-bottom:.2rem}h2{font-size:1.1rem;margin-top:2rem;border-bottom:1px solid #ddd}
 table{border-collapse:collapse;margin:.6rem 0}
 td,th{padding:.25rem .8rem;border-bottom:1px solid #e5e5e5;text-align:right}
-td:first-child,th:first-child{text-align:left}th{font-weight:600;background:#f6f5f1}img,video{max-width:100%}
+td:first-child,th:first-child,td.words{text-align:left}th{font-weight:600;background:#f6f5f1}img,video{max-width:100%}
 .figures{display:flex;gap:1.2rem;flex-wrap:wrap}.figures div{background:#f6f5f1;padding:.6rem 1rem;border-radius:.4rem}
 .figures b{display:block;font-size:1.3rem}.warn{background:#fdecea;padding:.6rem 1rem;border-radius:.4rem}
 pre{background:#f6f5f1;padding:1rem;overflow-x:auto;font-size:12px}
@@ -32,9 +32,14 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped."""
     line = "<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"
     body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td{_class(c)}>{html.escape(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
     )
     return f"<table>{line}{body}</table>"
+
+
+def _class(value: object) -> str:
+    """Sentences stand at the left of their column, figures at the right."""
+    return ' class="words"' if isinstance(value, str) and len(value.split()) > 2 and value[0].isalpha() else ""
 
 
 def _cell(value: object) -> str:
