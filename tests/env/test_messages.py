@@ -17,9 +17,9 @@ def make(**options: Any) -> handoff_v0.HandoffEnv:
     return handoff_v0.parallel_env(**{"max_cycles": 400, **options})
 
 
-def play(env: handoff_v0.HandoffEnv, cycles: int, seed: int = 1) -> list[Beliefs]:
+def play(env: handoff_v0.HandoffEnv, cycles: int, seed: int = 1, **options: Any) -> list[Beliefs]:
     """Fly the built-in rule; what everybody shared would have at each decision."""
-    observations, _ = env.reset(seed=seed)
+    observations, _ = env.reset(seed=seed, options=options)
     act, shared = built_in(env), [shared_beliefs(env.simulation, np.inf)]
     for _ in range(cycles):
         observations, *_ = env.step(act(observations))
@@ -122,7 +122,7 @@ def test_a_target_whose_keeper_fails_is_not_heard_of_until_it_is_seen_again() ->
     assert not told.peers_known[:, 0].any() or told.t_s < 3.1
     env.close()
     again = make(failures={"schedule_s": {"camera_0": 1.0}})
-    play(again, 330)
+    play(again, 110, target_start=0.05)  # on its way out of the first region
     others = np.flatnonzero(again.simulation.visible[:, 0])
     assert others.size  # the next region's camera has found it ...
     np.testing.assert_array_equal(

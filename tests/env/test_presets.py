@@ -21,16 +21,20 @@ def maker(name: str, **options: Any) -> Callable[[], Any]:
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_registered_environment_conforms(name: str) -> None:
-    conformance.check_pettingzoo(maker(name, max_cycles=4), cycles=4)
-    conformance.check_containment(maker(name, max_cycles=6), episodes=1)
-    conformance.check_repeatable(maker(name, max_cycles=3))
+    conformance.check_containment(maker(name, max_cycles=4), episodes=1)
+    conformance.check_repeatable(maker(name, max_cycles=2))
+
+
+@pytest.mark.parametrize("name", ["camnet/Handoff-Pursuit-v0", "camnet/Handoff-Failures-v0"])
+def test_pettingzoo_accepts_registered_environments(name: str) -> None:
+    conformance.check_pettingzoo(maker(name, max_cycles=3), cycles=3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("mode", ["setpoint", "velocity", "assign"])
 def test_every_registered_environment_conforms_over_whole_episodes(name: str, mode: str) -> None:
-    conformance.check_all(maker(name, max_cycles=200, action_mode=mode))
+    conformance.check_all(maker(name, max_cycles=40, action_mode=mode), episodes=1)
 
 
 def check_random(options: dict[str, Any], seed: int) -> None:
