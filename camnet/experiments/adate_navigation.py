@@ -37,8 +37,8 @@ DEFINITION = (
     "iterations: largest number of linear solves in one re-plan, rejected steps and other starts included, over all "
     "re-plans of all worlds that feel one (two) obstacles; a descent not at its end then is carried to the next "
     "re-plan while a checked plan is in force (descents: how often, how long); obstacles_cleared: the whole flown "
-    "curve outside all obstacles; waypoints_met: every waypoint within Mahalanobis distance 2 at its time; ms_per_plan: "
-    "median processor time of a re-plan"
+    "curve outside all obstacles; waypoints_met: every waypoint within Mahalanobis distance 2 at its time; "
+    "ms_per_plan: median processor time of a re-plan"
 )
 #: shares of worlds that an independent run of the published program reached
 MEASURED_ELSEWHERE = {"obstacles_cleared": 0.325, "waypoints_met": 0.80, "both": 0.375}
