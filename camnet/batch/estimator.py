@@ -22,11 +22,12 @@ import math
 
 import numpy as np
 
-from camnet.batch.estimator_compile import entry, part
+from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator_field import Kernels, dense_weights, field_on_grid, kernels_at, workspace
 from camnet.batch.estimator_gap import bridge, path_windows
 from camnet.batch.estimator_layout import (
     ACTIVE,
+    ADVANCED,
     CHANGED,
     CROSSED,
     EXIT,
@@ -34,7 +35,6 @@ from camnet.batch.estimator_layout import (
     GAP_ENTRY,
     GAP_MODEL,
     HAS_EXIT,
-    LAST_IN_FORCE,
     LAST_SEEN,
     MEAN_SQUARE,
     MODEL,
@@ -101,7 +101,7 @@ ESTIMATE = {
 # --- results ---------------------------------------------------------------------------------------------------------
 
 
-@part
+@inner
 def _growth(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     """Growth of the error radius while unseen, m/s."""
     j = k[MODEL]
@@ -114,15 +114,15 @@ def _growth(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     return MARGIN * most
 
 
-@part
+@inner
 def _radius(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     if k[REGION] < 0:
         return math.inf
     base = 3.0 * math.sqrt(model_of(c, k, d, k[MODEL])[MEAN_SQUARE])
-    return base + _growth(c, pose, k, d) * max(0.0, pose[T] - pose[LAST_SEEN])
+    return float(base + _growth(c, pose, k, d) * max(0.0, pose[T] - pose[LAST_SEEN]))
 
 
-@entry
+@outer
 def estimate(setup: EstimatorSetup, state: EstimatorState, row: int, out: Array) -> int:
     """Write what is believed now to ``out`` (16,), fields as in ``ESTIMATE``; return the region last seen in or -1.
 
@@ -140,13 +140,13 @@ def estimate(setup: EstimatorSetup, state: EstimatorState, row: int, out: Array)
 # --- motion ----------------------------------------------------------------------------------------------------------
 
 
-@part
+@inner
 def _heading(q: Quaternion) -> tuple[float, float]:
     """Direction of the body's x axis seen from above, not scaled."""
     return 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]), 2.0 * (q[1] * q[2] + q[0] * q[3])
 
 
-@part
+@inner
 def _moved(c: Rules, p: Triple, twist: Array, dt: float) -> Triple:
     """Position after ``dt`` at a constant velocity, projected onto the tracking bounds."""
     low, high = c.low, c.high
@@ -157,7 +157,7 @@ def _moved(c: Rules, p: Triple, twist: Array, dt: float) -> Triple:
     )
 
 
-@part
+@inner
 def _turned(q: Quaternion, twist: Array, dt: float) -> Quaternion:
     """Orientation after ``dt`` at a constant body rate."""
     a = multiply(q, turn(dt * twist[3], dt * twist[4], dt * twist[5]))
@@ -165,17 +165,17 @@ def _turned(q: Quaternion, twist: Array, dt: float) -> Quaternion:
     return a[0] / n, a[1] / n, a[2] / n, a[3] / n
 
 
-@part
+@inner
 def _blend(field: Array, prior: Array, use_prior: bool, twist: Array) -> float:
     """Write the twist (6,) of the field W^T sigma (8,) and the prior; return the support u."""
-    support = min(1.0, max(0.0, field[UNIT]))
+    support: float = min(1.0, max(0.0, field[UNIT]))
     rest = 1.0 - support if use_prior else 0.0
     for i in range(6):
         twist[i] = field[i] + rest * prior[i]
     return support
 
 
-@part
+@inner
 def _carry_prior(
     c: Rules, prior: Array, q: Quaternion, twist: Array, share: float, fade: float, dt: float
 ) -> None:
@@ -190,7 +190,7 @@ def _carry_prior(
         prior[i] += share * (twist[i] - prior[i])
 
 
-@part
+@inner
 def _field(
     kernels: Kernels,
     c: Rules,
@@ -216,7 +216,7 @@ def _field(
     picked_rows(sigma, index, active, weights_of(c, k, d, j), out)
 
 
-@part
+@inner
 def _integrate(
     kernels: Kernels,
     c: Rules,
@@ -225,16 +225,14 @@ def _integrate(
     pose: Array,
     dt_out: float,
     substeps: int,
-    grid: bool,
     out: Array,
-    count: int,
 ) -> None:
-    """Integrate the predictor over ``count`` intervals of ``dt_out`` in midpoint steps; ``pose`` changes in place.
+    """Integrate the predictor over intervals of ``dt_out`` in midpoint steps; ``pose`` changes in place.
 
-    ``out`` (count, 8) takes the pose after each interval, if it has as many rows. With ``grid`` the weights are spread
-    over the kernels' grid first, which pays for many steps.
+    ``out`` (K, 8) takes the pose after each of K intervals; without rows it is one interval, and no path is kept. For
+    a path the weights are first spread over the kernels' grid, which pays for many steps.
     """
-    j, dt = k[MODEL], dt_out / substeps
+    j, dt, grid = k[MODEL], dt_out / substeps, kernels.on_grid and len(out) > 0
     index = np.empty(c.size + 2 * kernels.number.shape[0], dtype=np.int64)
     sigma, work, box = np.empty(c.size), workspace(kernels), (0.0, 0.0, 0.0, 0.0)
     dense = np.empty(COLUMNS * kernels.number.size if grid else 0)
@@ -246,7 +244,7 @@ def _integrate(
     p = (pose[P], pose[P + 1], pose[P + 2])
     q = (pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3])
     support = 0.0
-    for i in range(count):
+    for i in range(max(1, len(out))):
         for _ in range(substeps):
             p_at, q_at = p, q
             for half in range(2):
@@ -261,14 +259,14 @@ def _integrate(
                         q_at = _turned(q, twist, 0.5 * dt)
             _carry_prior(c, prior, q, twist, support * follow, fade, dt)
             p, q = _moved(c, p, twist, dt), _turned(q, twist, dt)
-        if len(out) == count:
+        if len(out) > 0:
             out[i, 0], out[i, 1], out[i, 2] = p
             out[i, 3], out[i, 4], out[i, 5], out[i, 6] = q
     pose[P], pose[P + 1], pose[P + 2] = p
     pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3] = q
 
 
-@part
+@inner
 def _advance(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, t: float) -> None:
     """Motion without feedback up to ``t``, and the weights on their stack alone."""
     duration, j = t - pose[T], k[MODEL]
@@ -276,23 +274,24 @@ def _advance(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, t: 
         return
     refresh_prior(c, pose, k, d)
     steps = math.ceil(duration / MAX_STEP_S)
-    _integrate(kernels, c, k, d, pose, duration, steps, False, np.empty((0, 8)), 1)
+    _integrate(kernels, c, k, d, pose, duration, steps, np.empty((0, 8)))
     pose[T] = t
     nothing = np.empty(0)
-    for _ in range(_due_steps(c, pose, duration)):
-        step(c, k, d, j, inverse_of(c, k, d, j), c.dt_s * c.gamma, k, nothing, 0, nothing)
+    for _ in range(_due_steps(c, pose, model_of(c, k, d, j), t)):
+        step(c, k, d, j, inverse_of(c, k, d, j), c.dt_s * c.gamma, k, nothing, nothing)
 
 
-@part
-def _due_steps(c: Rules, pose: Array, duration: float) -> int:
-    """Count the nominal weight steps that have fallen due."""
-    pose[OWED] += duration
+@inner
+def _due_steps(c: Rules, pose: Array, model: Array, t: float) -> int:
+    """Count the nominal weight steps that have fallen due up to ``t``; they count as taken."""
+    pose[OWED] += max(0.0, t - model[ADVANCED])
+    model[ADVANCED] = max(t, model[ADVANCED])
     steps = int(pose[OWED] / c.dt_s + 0.5)
     pose[OWED] -= steps * c.dt_s
     return steps
 
 
-@entry
+@outer
 def rollout(setup: EstimatorSetup, state: EstimatorState, row: int, dt_s: float, out: Array) -> None:
     """Future path if no measurement came any more: ``out`` (K, 8) takes p, q and radius at dt, 2 dt, ... from now.
 
@@ -308,8 +307,7 @@ def rollout(setup: EstimatorSetup, state: EstimatorState, row: int, dt_s: float,
     refresh_prior(c, pose, k, d)
     start, rate = _radius(c, pose, k, d), _growth(c, pose, k, d)
     substeps = max(1, math.ceil(dt_s / (4.0 * MAX_STEP_S)))
-    grid, kernels = setup.kernels.on_grid, setup.kernels
-    _integrate(kernels, c, k, d, pose.copy(), dt_s, substeps, grid, out, len(out))
+    _integrate(setup.kernels, c, k, d, pose.copy(), dt_s, substeps, out)
     for i in range(len(out)):
         out[i, 7] = start + rate * (dt_s * (i + 1))
 
@@ -317,7 +315,7 @@ def rollout(setup: EstimatorSetup, state: EstimatorState, row: int, dt_s: float,
 # --- advancing -------------------------------------------------------------------------------------------------------
 
 
-@entry
+@outer
 def predict(setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float) -> None:
     """Advance ``row`` to ``t_s`` without a measurement; nothing happens before the first one."""
     c, pose, k, d = setup.rules, state.pose[row], state.flags[row], state.data[row]
@@ -329,7 +327,7 @@ def predict(setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float) 
     _advance(setup.kernels, c, pose, k, d, t_s)
 
 
-@entry
+@outer
 def correct(
     setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float, p: Array, q: Array, region: int
 ) -> None:
@@ -350,7 +348,7 @@ def correct(
             k[SEEN] = 0
             interrupt(c, pose, k, d, pose[LAST_SEEN])
         _advance(kernels, c, pose, k, d, t)
-        _resight(c, pose, k, d, t, at, j)
+        _resight(c, pose, k, d, t, at)
     if not first:
         _align(measured, pose[Q:])
     if first or (not known and c.reset_on_sighting):
@@ -359,6 +357,11 @@ def correct(
         for i in range(4):
             pose[Q + i] = measured[i]
     k[MODEL] = j
+    if not known:
+        # the law ran on while the model was not in force
+        model = model_of(c, k, d, j)
+        settle(c, k, d, j, t - model[ADVANCED])
+        model[ADVANCED], pose[OWED] = max(t, model[ADVANCED]), 0.0
     index, sigma = np.empty(c.size, dtype=np.int64), np.empty(c.size)
     count = _active_sigma(kernels, c, k, d, j, at, measured, index, sigma)
     if known:
@@ -370,7 +373,7 @@ def correct(
             _learn(kernels, c, pose, k, d, across)
 
 
-@part
+@inner
 def _learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, across: int) -> None:
     """Offer the window that is complete (``across`` 0), or those of the path across the gap (1), to their stack.
 
@@ -397,7 +400,7 @@ def _learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, acros
     refresh(c, k, d, j)
 
 
-@part
+@inner
 def _align(q: Array, reference: Array) -> None:
     """Give ``q`` the sign that is closer to ``reference``."""
     if q[0] * reference[0] + q[1] * reference[1] + q[2] * reference[2] + q[3] * reference[3] < 0.0:
@@ -405,7 +408,7 @@ def _align(q: Array, reference: Array) -> None:
             q[i] = -q[i]
 
 
-@part
+@inner
 def _active_sigma(
     kernels: Kernels,
     c: Rules,
@@ -424,12 +427,12 @@ def _active_sigma(
     for m in range(count):
         place = places[index[m]]
         index[m] = place if place >= 0 else activate(c, k, d, j, index[m])
-    return count
+    return int(count)
 
 
-@part
-def _resight(c: Rules, pose: Array, k: IntArray, d: Array, t: float, p: Array, j: int) -> None:
-    """Take the target up again at ``p``, after a gap or handed over without one, with model ``j``."""
+@inner
+def _resight(c: Rules, pose: Array, k: IntArray, d: Array, t: float, p: Array) -> None:
+    """Take the target up again at ``p``, after a gap or handed over without one."""
     old, duration = k[MODEL], t - pose[LAST_SEEN]
     if k[SEEN]:
         interrupt(c, pose, k, d, pose[LAST_SEEN])
@@ -443,13 +446,9 @@ def _resight(c: Rules, pose: Array, k: IntArray, d: Array, t: float, p: Array, j
             k[GAP_MODEL], pose[GAP_ENTRY] = old, t
             for i in range(14):
                 pose[GAP + i] = pose[EXIT + i]
-    if j != old:
-        model_of(c, k, d, old)[LAST_IN_FORCE] = t
-        settle(c, k, d, j, t - model_of(c, k, d, j)[LAST_IN_FORCE])
-    pose[OWED] = 0.0
 
 
-@part
+@inner
 def _correct_seen(
     c: Rules,
     pose: Array,
@@ -472,11 +471,11 @@ def _correct_seen(
     _blend(field, pose[PRIOR:], c.prior > 0, twist)
     residual, inverse = _feedback(c, pose, twist, duration, p, q, error), inverse_of(c, k, d, j)
     model[MEAN_SQUARE] += (residual**2 - model[MEAN_SQUARE]) / MEMORY
-    for i in range(_due_steps(c, pose, duration)):
-        step(c, k, d, j, inverse, c.dt_s * c.gamma, index, sigma, count if i == 0 else 0, error)
+    for i in range(_due_steps(c, pose, model, t)):
+        step(c, k, d, j, inverse, c.dt_s * c.gamma, index, sigma[: count if i == 0 else 0], error)
 
 
-@part
+@inner
 def _feedback(c: Rules, pose: Array, twist: Array, dt: float, p: Array, q: Array, error: Array) -> float:
     """Advance the pose by ``dt`` with feedback: `measured_step`, `correct_pose`, `output_error`; the residual, m."""
     now = (pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3])
@@ -506,7 +505,7 @@ def _feedback(c: Rules, pose: Array, twist: Array, dt: float, p: Array, q: Array
     return math.sqrt(square)
 
 
-@part
+@inner
 def _turn_error(aligned: Quaternion, moved: Quaternion, error: Array) -> None:
     """Write the orientation's part of G^T eta_til to ``error`` (8,): 1/2 B^T of the quaternions' difference."""
     q = aligned

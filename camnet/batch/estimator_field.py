@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camnet.batch.estimator_compile import part
+from camnet.batch.compiled import inner
 from camnet.estimation.basis import CUTOFF, RbfBasis
 from camnet.estimation.vector_rows import running_rows
 from camnet.types import Array, IntArray
@@ -78,10 +78,10 @@ def _grid(basis: RbfBasis) -> Kernels | None:
     precision = basis.precision
     if (precision != precision[0]).any() or precision[0, 0, 1] != 0.0 or precision[0, 1, 0] != 0.0:
         return None
-    axes = [_axis(basis.centres[:, i]) for i in range(2)]
-    if axes[0] is None or axes[1] is None:
+    x_axis, y_axis = _axis(basis.centres[:, 0]), _axis(basis.centres[:, 1])
+    if x_axis is None or y_axis is None:
         return None
-    (columns, dx), (lines, dy) = axes
+    (columns, dx), (lines, dy) = x_axis, y_axis
     number = np.full((len(columns), len(lines)), -1, dtype=np.int64)
     i = np.searchsorted(columns, basis.centres[:, 0])
     j = np.searchsorted(lines, basis.centres[:, 1])
@@ -99,13 +99,13 @@ def _grid(basis: RbfBasis) -> Kernels | None:
     )
 
 
-@part
+@inner
 def workspace(k: Kernels) -> Array:
     """Room for the factors of one pose: squared distances and factors of columns, then of lines."""
     return np.empty(4 * (2 * k.reach + 1))
 
 
-@part
+@inner
 def _factors(
     x: float,
     n: int,
@@ -141,7 +141,7 @@ def _factors(
     return first, after
 
 
-@part
+@inner
 def _both_factors(k: Kernels, x: float, y: float, work: Array) -> tuple[int, int, int, int]:
     """Do so for columns and lines: ranges of columns and of lines."""
     nx, ny = k.number.shape
@@ -153,14 +153,14 @@ def _both_factors(k: Kernels, x: float, y: float, work: Array) -> tuple[int, int
     return c0, c1, l0, l1
 
 
-@part
+@inner
 def kernels_at(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array, work: Array
 ) -> int:
     """Write number and sigma of the kernels that are not zero at (x, y) with the heading (hx, hy); return how many."""
     count = 0
     if not k.on_grid:
-        return _kernels_anywhere(k, x, y, hx, hy, index, sigma)
+        return int(_kernels_anywhere(k, x, y, hx, hy, index, sigma))
     c0, c1, l0, l1 = _both_factors(k, x, y, work)
     n = 2 * k.reach + 1
     for i in range(c1 - c0):
@@ -174,7 +174,7 @@ def kernels_at(
     return count
 
 
-@part
+@inner
 def _kernels_anywhere(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array
 ) -> int:
@@ -199,7 +199,7 @@ def _kernels_anywhere(
     return count
 
 
-@part
+@inner
 def dense_weights(
     k: Kernels, order: IntArray, n: int, weights: Array, dense: Array, ranges: IntArray
 ) -> tuple[float, float, float, float]:
@@ -229,7 +229,7 @@ def dense_weights(
     return x0 - rx, x1 + rx, y0 - ry, y1 + ry
 
 
-@part
+@inner
 def field_on_grid(
     k: Kernels,
     dense: Array,

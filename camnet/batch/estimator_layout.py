@@ -39,7 +39,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camnet.batch.estimator_compile import entry, part
+from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator_field import Kernels, pack_kernels
 from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis
@@ -92,8 +92,8 @@ FLAG_COLUMNS = 12
 MEAN_SQUARE, RATES = 0, 1
 #: outlier gate: mean squares (position, turn), when the run of suspect windows and when the change began, s
 GATE, RUN_BEGAN, CHANGED = RATES + REMEMBERED_GAPS, RATES + REMEMBERED_GAPS + 2, RATES + REMEMBERED_GAPS + 3
-#: when the model was last in force, s; square of the weights' norm
-LAST_IN_FORCE, NORM2 = CHANGED + 1, CHANGED + 2
+#: up to when the weights have been advanced, s; square of the weights' norm
+ADVANCED, NORM2 = CHANGED + 1, CHANGED + 2
 MODEL_COLUMNS = NORM2 + 1
 # --- columns of ``counts`` -------------------------------------------------------------------------------------------
 #: active kernels, distance of two rows of ``inverse``, windows held, rank-one changes since the inverse was exact
@@ -190,6 +190,7 @@ def _refuse(settings: EstimatorSettings) -> None:
         ("alpha", settings.alpha, (1.0,)),
         ("stack.rule", settings.stack.rule, _RULES),
         ("gap.pace", settings.gap.pace, (False,)),
+        ("gap.prior", settings.gap.prior, tuple(PRIORS)),
     )
     for name, value, known in wanted:
         if value not in known:
@@ -322,7 +323,7 @@ def allocate(
     return state
 
 
-@entry
+@outer
 def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
     """Make row ``row`` as new: nothing seen, nothing learned."""
     pose, flags = state.pose[row], state.flags[row]
@@ -338,7 +339,7 @@ def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
         _reset_model(setup.rules, flags, state.data[row], j)
 
 
-@part
+@inner
 def _reset_model(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Make model ``j`` of a row as new."""
     model, counts, places = model_of(c, k, d, j), counts_of(c, k, j), place_of(c, k, j)
@@ -357,19 +358,19 @@ def _reset_model(c: Rules, k: IntArray, d: Array, j: int) -> None:
 # --- parts of a row: ``k`` is a row of ``flags``, ``d`` one of ``data``, ``j`` a model -------------------------------
 
 
-@part
+@inner
 def counts_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Return the counts (COUNT_COLUMNS,) of a model."""
     return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) :]
 
 
-@part
+@inner
 def order_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Numbers of the active kernels."""
     return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) + COUNT_COLUMNS :]
 
 
-@part
+@inner
 def place_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Places (p,) of the kernels among the active ones."""
     p = c.size
@@ -377,51 +378,51 @@ def place_of(c: Rules, k: IntArray, j: int) -> IntArray:
     return k[first : first + p]
 
 
-@part
+@inner
 def model_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Block of a model, its numbers (MODEL_COLUMNS,) first."""
     return d[c.at.models + j * k[BLOCK] :]
 
 
-@part
+@inner
 def weights_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Weights, flat: 8 numbers an active kernel."""
     return d[c.at.models + j * k[BLOCK] + c.at.weights :]
 
 
-@part
+@inner
 def moment_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Moment Q, flat: 8 numbers an active kernel."""
     return d[c.at.models + j * k[BLOCK] + c.at.moment :]
 
 
-@part
+@inner
 def inverse_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Inverse of the implicit step, flat."""
     return d[c.at.models + j * k[BLOCK] + c.at.inverse :]
 
 
-@part
+@inner
 def row_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
     """Regressor of stack entry ``index`` over the active kernels."""
     return d[c.at.models + j * k[BLOCK] + c.at.rows + index * c.at.padded :]
 
 
-@part
+@inner
 def increment_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
     """Increment (8,) of stack entry ``index``, and in the ninth place when it entered, s."""
     first = c.at.models + j * k[BLOCK] + c.at.rows + k[CAPACITY] * c.at.padded
     return d[first + index * (COLUMNS + 1) :]
 
 
-@part
+@inner
 def books_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Leverages (C,) and after them the inverse of the D-optimal rule."""
     first = c.at.models + j * k[BLOCK] + c.at.rows
     return d[first + -(-k[CAPACITY] * (c.at.padded + COLUMNS + 1) // GROWTH) * GROWTH :]
 
 
-@part
+@inner
 def sigma_of(c: Rules, d: Array, sample: int) -> Array:
     """Sigma over the active kernels of a sample of the window."""
     return d[c.at.sigma + sample * c.at.padded :]

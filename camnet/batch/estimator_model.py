@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from camnet.batch.estimator_compile import part
+from camnet.batch.compiled import inner
 from camnet.batch.estimator_layout import (
     ACTIVE,
     CAPACITY,
@@ -52,7 +52,7 @@ __all__ = ["activate", "rank_one", "refresh", "settle", "square_norm", "stack_in
 _SETTLE_STEPS = 6
 
 
-@part
+@inner
 def _widen(matrix: Array, n: int, old: int, new: int) -> None:
     """Move the rows of a square matrix (n, n) from ``old`` to ``new`` > ``old`` apart; new room is zero."""
     for i in range(n - 1, -1, -1):
@@ -62,7 +62,7 @@ def _widen(matrix: Array, n: int, old: int, new: int) -> None:
             matrix[i * new + b] = 0.0
 
 
-@part
+@inner
 def _new_diagonal(matrix: Array, n: int, stride: int, value: float) -> None:
     for i in range(n):
         matrix[i * stride + n] = 0.0
@@ -71,7 +71,7 @@ def _new_diagonal(matrix: Array, n: int, stride: int, value: float) -> None:
     matrix[n * stride + n] = value
 
 
-@part
+@inner
 def activate(c: Rules, k: IntArray, d: Array, j: int, kernel: int) -> int:
     """Make a kernel active in model ``j``; return its place."""
     counts = counts_of(c, k, j)
@@ -99,13 +99,13 @@ def activate(c: Rules, k: IntArray, d: Array, j: int, kernel: int) -> int:
     if counts[SELECTING]:
         _new_diagonal(books_of(c, k, d, j)[k[CAPACITY] :], n, stride, 1.0 / c.regularisation)
     counts[ACTIVE] = n + 1
-    return n
+    return int(n)
 
 
 # --- the weight law --------------------------------------------------------------------------------------------------
 
 
-@part
+@inner
 def square_norm(weights: Array, n: int) -> float:
     """Sum of squares of ``n`` rows of eight, eight sums side by side."""
     s0, s1, s2, s3, s4, s5, s6, s7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -121,7 +121,7 @@ def square_norm(weights: Array, n: int) -> float:
     return s0 + s1 + s2 + s3 + s4 + s5 + s6 + s7
 
 
-@part
+@inner
 def step(
     c: Rules,
     k: IntArray,
@@ -131,13 +131,12 @@ def step(
     rate: float,
     index: IntArray,
     sigma: Array,
-    count: int,
     error: Array,
 ) -> None:
     """One step of the weights: ``inverse`` and ``rate`` = dt gamma belong to the same dt.
 
-    The feedback is sigma (at the active kernels in ``index``) and ``error`` (8,) = G^T eta_til; with a ``count`` of
-    zero the weights move on the stack alone.
+    The feedback is sigma (at the active kernels that ``index`` begins with) and ``error`` (8,) = G^T eta_til; with an
+    empty sigma the weights move on the stack alone.
     """
     counts, model = counts_of(c, k, j), model_of(c, k, d, j)
     weights, moment = weights_of(c, k, d, j), moment_of(c, k, d, j)
@@ -147,7 +146,7 @@ def step(
     right, share = np.empty(COLUMNS * n), rate * c.kcl
     for i in range(COLUMNS * n):
         right[i] = weights[i] + share * moment[i]
-    for m in range(count):
+    for m in range(len(sigma)):
         first, feedback = COLUMNS * index[m], rate * sigma[m]
         for o in range(COLUMNS):
             right[first + o] += feedback * error[o]
@@ -166,7 +165,7 @@ def step(
     model[NORM2] = norm2
 
 
-@part
+@inner
 def settle(c: Rules, k: IntArray, d: Array, j: int, duration_s: float) -> None:
     """Advance the weights by ``duration_s`` on the stack alone, in a few long implicit steps."""
     counts = counts_of(c, k, j)
@@ -176,13 +175,13 @@ def settle(c: Rules, k: IntArray, d: Array, j: int, duration_s: float) -> None:
     inverse = np.empty(counts[STRIDE] * counts[STRIDE])
     stack_inverse(c, k, d, j, rate * c.kcl, 1.0 + rate * c.kcl * c.leakage, inverse)
     for _ in range(_SETTLE_STEPS):
-        step(c, k, d, j, inverse, rate, k, nothing, 0, nothing)
+        step(c, k, d, j, inverse, rate, k, nothing, nothing)
 
 
 # --- the inverse -----------------------------------------------------------------------------------------------------
 
 
-@part
+@inner
 def stack_inverse(c: Rules, k: IntArray, d: Array, j: int, scale: float, shift: float, out: Array) -> None:
     """Write (``scale`` sum Y^T Y + ``shift`` I)^-1 over the active kernels to ``out``, flat, rows STRIDE apart.
 
@@ -223,7 +222,7 @@ def stack_inverse(c: Rules, k: IntArray, d: Array, j: int, scale: float, shift: 
             out[b * stride + a] = mean
 
 
-@part
+@inner
 def refresh(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Compute the inverse of the implicit step afresh, if it waits for that."""
     counts, rate = counts_of(c, k, j), c.dt_s * c.kcl * c.gamma
@@ -232,7 +231,7 @@ def refresh(c: Rules, k: IntArray, d: Array, j: int) -> None:
         counts[CHANGES], counts[STALE] = 0, 0
 
 
-@part
+@inner
 def rank_one(matrix: Array, n: int, stride: int, y: Array, scale: float, sign: float) -> Array:
     """Sherman-Morrison in place for ``scale`` y, as `camnet.estimation.selection.rank_one`; return its u (n,)."""
     u = np.zeros(n)
