@@ -136,10 +136,15 @@ def _spin(rotors: _FourRotors, thrust: float, tau: Triple, c: Array) -> tuple[_F
     """Allocate, saturate and lag the rotors; their speeds, and the mean thrust and torque they make."""
     arm, k, kq = c[5], c[6], c[7]
     t, x, y, z = thrust / k, tau[0] / (arm * k), tau[1] / (arm * k), tau[2] / kq
-    a, aa = _rotor(0.25 * (t + x - y + z), rotors[0], c)
-    b, bb = _rotor(0.25 * (t + x + y - z), rotors[1], c)
-    d, dd = _rotor(0.25 * (t - x + y + z), rotors[2], c)
-    e, ee = _rotor(0.25 * (t - x - y - z), rotors[3], c)
+    most = c[8] * c[8]
+    f, g = min(max(0.25 * (t + x - y), 0.0), most), min(max(0.25 * (t + x + y), 0.0), most)
+    h, i = min(max(0.25 * (t - x + y), 0.0), most), min(max(0.25 * (t - x - y), 0.0), most)
+    low, high = max(-f, g - most, -h, i - most), min(most - f, g, most - h, i)
+    turn = min(max(0.25 * z, low), high)  # yaw takes what lift, roll and pitch leave
+    a, aa = _rotor(f + turn, rotors[0], c)
+    b, bb = _rotor(g - turn, rotors[1], c)
+    d, dd = _rotor(h + turn, rotors[2], c)
+    e, ee = _rotor(i - turn, rotors[3], c)
     made = (arm * k * (aa + bb - dd - ee), arm * k * (bb + dd - aa - ee), kq * (aa - bb + dd - ee))
     return (a, b, d, e), k * (aa + bb + dd + ee), made
 

@@ -1,7 +1,7 @@
 """What a control period of all quadrotors needs before and after the engine, each in one compiled call.
 
 Arrays are packed as in `camnet.control.quadrotor_kernel`. The parts are compiled functions with oracles of their own:
-here they only stand in a row, because a call from Python costs more than most of them.
+here they only stand in a row, because a call from Python costs more than most of them do.
 """
 
 from __future__ import annotations

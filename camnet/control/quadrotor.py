@@ -5,7 +5,8 @@ rotor speeds -> force and torque on the rigid body. Rotors and gimbal are finer:
 period, the rotors towards the speeds that the inner loop holds; force and torque are their means over the period.
 The gimbal moves after the body (`turn_gimbal`): its own loop is much faster than a physics step and answers the
 body's mean rate in every substep.
-The compiled twin is `camnet.control.quadrotor_kernel`.
+Where the rotors cannot make everything, lift, roll and pitch come before yaw. The compiled twin is
+`camnet.control.quadrotor_kernel`.
 The attitude law is the geometric one of T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a
 quadrotor UAV on SE(3)", CDC 2010, eqs. (10)-(16). The desired angular velocity is the filtered derivative of the
 desired thrust direction and its own derivative is left out: what the attitude fails to follow is part of the
@@ -195,6 +196,21 @@ def _turn_rotors(model: QuadrotorModel, rotor: Array, wanted: Array) -> tuple[Ar
     return rotor, mean_square
 
 
+def _allocate(model: QuadrotorModel, allocation: Array, thrust: Array, tau: Array) -> Array:
+    """Squared rotor speeds (N,4): lift, roll and pitch first; yaw takes what they leave.
+
+    Rotors make little yaw torque: asked for all of it at once they would all saturate, and the body tumble.
+    """
+    most, spin = model.rotor_max_radps**2, np.sign(allocation[3])
+    asked = np.concatenate([thrust[:, None], tau], axis=1)
+    asked[:, 3] = 0.0
+    level = np.clip(np.linalg.solve(allocation, asked.T).T, 0.0, most)
+    low = np.where(spin > 0, -level, level - most).max(axis=1)
+    high = np.where(spin > 0, most - level, level).min(axis=1)
+    turn = np.clip(0.25 * tau[:, 2] / model.torque_coefficient, low, high)
+    return np.asarray(np.clip(level + spin * turn[:, None], 0.0, most))
+
+
 def step(
     model: QuadrotorModel, state: RigidState, memory: Memory, command: Command
 ) -> tuple[Array, Array, Memory]:
@@ -211,8 +227,7 @@ def step(
     axis_rate = _axis_rate(model, memory, r_desired[:, :, 2])
     tau = _attitude_torque(model, r, r_desired, w, axis_rate)
     allocation = mixer(model)
-    wanted = np.linalg.solve(allocation, np.concatenate([thrust[:, None], tau], axis=1).T).T
-    rotor_command = np.sqrt(np.clip(wanted, 0.0, model.rotor_max_radps**2))
+    rotor_command = np.sqrt(_allocate(model, allocation, thrust, tau))
     rotor, mean_square = _turn_rotors(model, memory.rotor, rotor_command)
     made = mean_square @ allocation.T
     air = np.einsum("nji,nj->ni", r, state.v - command.wind)

@@ -141,12 +141,21 @@ def _attitude_torque(r: Array, f: Array, yaw: float, w: Array, memory: Array, c:
 def _turn_rotors(memory: Array, thrust: float, tau: Array, c: Array) -> Array:
     """Allocate, saturate and lag the rotor speeds; returns the mean thrust and body torque they make."""
     arm, k, kq, fastest, decay, substeps = c[5], c[6], c[7], c[8], c[9], int(c[26])
-    made = np.zeros(4)
+    made, level = np.zeros(4), np.empty(4)
+    low, high, most = -math.inf, math.inf, fastest * fastest
+    for i in range(4):
+        sx = 1.0 if i == 0 or i == 3 else -1.0
+        sy = 1.0 if i < 2 else -1.0
+        level[i] = 0.25 * (thrust / k + sy * tau[0] / (arm * k) - sx * tau[1] / (arm * k))
+        level[i] = min(max(level[i], 0.0), most)
+        low = max(low, -level[i] if i % 2 == 0 else level[i] - most)
+        high = min(high, most - level[i] if i % 2 == 0 else level[i])
+    turn = min(max(0.25 * tau[2] / kq, low), high)
     for i in range(4):
         sx = 1.0 if i == 0 or i == 3 else -1.0
         sy = 1.0 if i < 2 else -1.0
         spin = 1.0 if i % 2 == 0 else -1.0
-        square = 0.25 * (thrust / k + sy * tau[0] / (arm * k) - sx * tau[1] / (arm * k) + spin * tau[2] / kq)
+        square = level[i] + spin * turn
         goal = math.sqrt(min(max(square, 0.0), fastest * fastest))
         speed, mean_square = memory[i], 0.0
         for _ in range(substeps):

@@ -15,7 +15,7 @@ from camnet.geometry.rotations import conjugate, kinematic_matrix, log, multiply
 from camnet.world import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
 from camnet.world.pybullet.shapes import cylinder
-from camnet.world.settings import GimbalSettings, PhysicsSettings, WindSettings
+from camnet.world.settings import GimbalSettings, PhysicsSettings, QuadrotorSettings, WindSettings
 
 
 def test_free_flight_follows_newton_and_euler():
@@ -157,6 +157,26 @@ def test_what_may_touch_is_never_overlooked():
     assert 10 < touched <= told < 380
     bodies[1, 0] = np.nan
     assert may_touch(bodies, 0.2, balls, 0.0, 1 / 60)
+
+
+@pytest.mark.parametrize(("v", "a", "tilt_deg"), [(5.0, 4.0, 60.0), (6.0, 6.0, 70.0)])
+def test_hard_references_in_all_directions_do_not_tumble(open_world, v, a, tilt_deg):
+    """Fast climbs, dives and turns: yaw may not take from the rotors what roll and pitch need."""
+    world, _ = open_world(
+        n=1, height=100.0, targets=(), quadrotor=QuadrotorSettings(v_max_mps=8.0, a_max_mps2=8.0)
+    )
+    rng, now, goal, least = np.random.default_rng(1), np.zeros(3), np.zeros(3), 1.0
+    for k in range(600):
+        if k % 60 == 0:
+            goal = rng.normal(size=3)
+            goal *= v / np.linalg.norm(goal)
+        missing = goal - now
+        rate = missing * min(a / max(np.linalg.norm(missing), 1e-9), 60.0)
+        now = now + rate / 60
+        seen = world.step(CameraCommand(now[None], np.zeros((1, 3)), rate[None]))
+        least = min(least, to_matrix(seen.agent_q_world)[0, 2, 2])
+        assert np.linalg.norm(seen.camera_v_world[0] - now) < 2.5
+    assert np.degrees(np.arccos(least)) < tilt_deg
 
 
 def test_hovers_without_moving(open_world):
