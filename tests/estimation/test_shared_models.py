@@ -25,10 +25,14 @@ def pair(settings: EstimatorSettings = SETTINGS) -> list[LearningEstimator]:
 
 
 def run_pair(
-    replica_factory: Callable, measurement_of: Callable, filters: list[LearningEstimator], late: int
+    replica_factory: Callable,
+    measurement_of: Callable,
+    filters: list[LearningEstimator],
+    late: int,
+    laps: int = 2,
 ) -> np.ndarray:
     """Run two targets on one way, the second ``late`` frames behind; returns the second's unseen errors, m."""
-    replica, rng = replica_factory(2, radius=2.5, gap_m=2.2), np.random.default_rng(1)
+    replica, rng = replica_factory(laps, radius=2.5, gap_m=2.2), np.random.default_rng(1)
     errors = []
     for k in range(len(replica.t)):
         for m, filter_ in enumerate(filters):
@@ -63,7 +67,7 @@ def test_both_targets_feed_one_stack_in_a_fixed_order(
 ) -> None:
     once, again = pair(), pair()
     for filters in (once, again):
-        run_pair(replica_factory, measurement_of, filters, 200)
+        run_pair(replica_factory, measurement_of, filters, 200, 1)
     for j in range(4):
         a, b = once[0].model(j), again[1].model(j)
         assert a is not b

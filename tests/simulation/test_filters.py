@@ -13,8 +13,9 @@ from camnet.experiments.kinematic_world import KinematicWorld
 from camnet.simulation.filters import TargetTruth, build_filter
 from camnet.simulation.loop import NetworkSimulation, Setpoints
 from camnet.simulation.network import build_network
-from camnet.simulation.run import open_simulation
 from camnet.types import Twist
+from camnet.world.protocol import CameraCommand
+from camnet.world.pybullet import PyBulletWorld
 
 NOBODY = Setpoints(np.zeros((0, 3)), np.zeros((0, 2)))
 
@@ -61,18 +62,17 @@ def test_the_future_of_random_turns_is_foreseen_in_the_engine() -> None:
     assert isinstance(scenario, Scenario)
     extra = scenario.targets[0].model_copy(update={"name": "other"})
     scenario = scenario.model_copy(update={"targets": (*scenario.targets, extra)})
-    simulation = open_simulation(scenario, 3, ("oracle",))
-    world = simulation.world
-    times = np.arange(0.0, 31.0, 5.0)
-    foreseen = [world.foresee(m, times) for m in range(2)]  # type: ignore[attr-defined]
+    world = PyBulletWorld(build_network(scenario).description)
+    world.reset(np.random.default_rng(3))
+    times = np.arange(0.0, 13.0, 3.0)
+    foreseen = [world.foresee(m, times) for m in range(2)]
     assert np.linalg.norm(foreseen[0][0][-1] - foreseen[1][0][-1]) > 0.5  # at different speeds at least
-    for k in range(300):
-        simulation.advance(NOBODY)
-        if (k + 1) % 50 == 0:
+    for k in range(1, 721):
+        now = world.step(CameraCommand.zeros(0))
+        if k % 180 == 0:
             for m in range(2):
-                now = simulation.snapshot.target_p_world[m]
-                np.testing.assert_array_equal(foreseen[m][0][(k + 1) // 50], now)
-    simulation.world.close()
+                np.testing.assert_array_equal(foreseen[m][0][k // 180], now.target_p_world[m])
+    world.close()
 
 
 def test_shared_models_drive_the_environment() -> None:
