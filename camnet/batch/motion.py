@@ -104,7 +104,7 @@ def pack_targets(motions: list[TargetMotion]) -> Targets:
         sample_u=_joined([u for _, u in samples]),
         grid_first=_starts([cells for _, cells in grids]),
         grid=np.array([corner for corner, _ in grids]).reshape(len(motions), 4),
-        cells=_joined([cells for _, cells in grids]),
+        cells=np.concatenate([np.zeros((0, 2), np.int64), *(cells for _, cells in grids)]),
         line_first=line_first,
         lines=lines,
         ends=ends,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from camnet.types import Array, IntArray
 __all__ = ["DELAYS", "ESTIMATE", "State", "allocate", "restart"]
 
 #: columns of ``estimate``
-ESTIMATE = {
+ESTIMATE: dict[str, Any] = {
     "p": slice(0, 3),
     "q": slice(3, 7),
     "v": slice(7, 10),
@@ -82,7 +82,7 @@ class State(NamedTuple):
     outside: IntArray
     touching: IntArray
     clock: Array
-    count: Array
+    count: Array  # type: ignore[assignment] # hides the tuple's method, which nobody asks for
 
 
 def allocate(model: Model, environments: int) -> State:

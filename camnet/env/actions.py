@@ -72,7 +72,7 @@ class ActionMode(Protocol):
 
 def action_mode(simulation: NetworkSimulation, settings: EnvSettings, names: Sequence[str]) -> ActionMode:
     """Build the mode that ``settings.action_mode`` names."""
-    modes = {"setpoint": SetpointMode, "velocity": VelocityMode, "assign": AssignMode}
+    modes: dict[str, type[Any]] = {"setpoint": SetpointMode, "velocity": VelocityMode, "assign": AssignMode}
     mode: ActionMode = modes[settings.action_mode](simulation, settings, names)
     return mode
 
@@ -160,7 +160,7 @@ class SetpointMode(_Mode):
         """See `ActionMode`."""
         place = (setpoint.p_world - self._centers[j]) / np.maximum(self._reach[j], 1e-6)
         flat = np.concatenate([place, setpoint.gaze / self._settings.gaze_max_rad])
-        return np.clip(flat, -1.0, 1.0).astype(np.float32)
+        return np.asarray(np.clip(flat, -1.0, 1.0), dtype=np.float32)
 
 
 class VelocityMode(_Mode):

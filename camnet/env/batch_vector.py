@@ -66,7 +66,7 @@ class BatchVectorEnv(VectorEnv[_Observations, NDArray[np.float32], Array]):
             raise ConfigError(f"seed = {seed!r}: give a seed for every environment or for none")
         return self.env.reset(first or None), {}
 
-    def step(
+    def step(  # type: ignore[override] # flags are booleans, whatever type the base gives
         self, actions: NDArray[np.float32]
     ) -> tuple[_Observations, Array, BoolArray, BoolArray, dict[str, Any]]:
         """Fly one decision in all environments."""

@@ -146,5 +146,5 @@ def _first_hand(simulation: NetworkSimulation, shared: Beliefs) -> BoolArray:
     n = len(shared.seen_by_me)
     known = shared.region[0] >= 0
     keeps = shared.region[0][None] == np.arange(n)[:, None]
-    working: Array = simulation.working[:n, None]
+    working = np.asarray(simulation.working)[:n, None]
     return np.asarray((shared.seen_by_me | keeps) & working & known)

@@ -100,7 +100,7 @@ class SingleAgentEnv(gymnasium.Env[Any, Any]):
     def _live(self) -> set[str]:
         return {name for name in self.network_env.agents if name != self.agent}
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override] # a picture or nothing
+    def render(self) -> NDArray[np.uint8] | None:
         """Map of the network as an RGB array; shown in a window in ``human`` mode."""
         return self.network_env.render()
 

@@ -12,8 +12,8 @@
     present: settled, then the open frames, then the prediction up to t
 
 So the settled filter goes through exactly the calls that it would get if every measurement came in time. With one
-constant latency L no open frame has a measurement, and the present is the settled filter's own prediction, which costs a
-roll-out; measurements that are early or out of order are run through a copy of the settled filter.
+constant latency L no open frame has a measurement, and the present is the settled filter's own prediction, which
+costs a roll-out; measurements that are early or out of order are run through a copy of the settled filter.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def _play(
 def _instants(env: BatchHandoff) -> list[Instant]:
     truth = env.simulation.gather("target")[:, :, 0:3]
     estimate = env.simulation.gather("estimate")
-    seen = env.simulation.gather("visible").any(axis=1)
-    known = np.isfinite(estimate[:, :, ESTIMATE["last_seen"]])
+    seen = np.asarray(env.simulation.gather("visible").any(axis=1))
+    known = np.asarray(np.isfinite(estimate[:, :, ESTIMATE["last_seen"]]))
     positions = estimate[:, :, ESTIMATE["p"]]
     return [Instant(truth[e], positions[e], known[e], seen[e]) for e in range(len(truth))]

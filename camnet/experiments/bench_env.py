@@ -65,7 +65,9 @@ def _pybullet_seconds(env: HandoffEnv, seed: int) -> float:
     observations, _ = env.reset(seed=seed)
     start = time.process_time()
     for _ in range(_PYBULLET_STEPS):
-        observations, *_ = env.step({name: policies[name](observations[name]) for name in env.agents})
+        observations, *_ = env.step(
+            {name: policies[name](np.asarray(observations[name])) for name in env.agents}
+        )
     return time.process_time() - start
 
 

@@ -75,7 +75,7 @@ class KinematicWorld:
         return self._snapshot()
 
     def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
-        """True poses of a target at any times."""
+        """Return the true poses of a target at any times."""
         return self._foresight.poses(target, t_s)
 
     def rays_clear(self, origins: Array, points: Array) -> BoolArray:

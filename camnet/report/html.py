@@ -32,14 +32,17 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped."""
     line = "<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"
     body = "".join(
-        "<tr>" + "".join(f"<td{_class(c)}>{html.escape(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td{_class(c)}>{html.escape(_cell(c))}</td>" for c in row) + "</tr>"
+        for row in rows
     )
     return f"<table>{line}{body}</table>"
 
 
 def _class(value: object) -> str:
     """Sentences stand at the left of their column, figures at the right."""
-    return ' class="words"' if isinstance(value, str) and len(value.split()) > 2 and value[0].isalpha() else ""
+    return (
+        ' class="words"' if isinstance(value, str) and len(value.split()) > 2 and value[0].isalpha() else ""
+    )
 
 
 def _cell(value: object) -> str:

@@ -47,7 +47,7 @@ def collect(
     that the pupil sees places that the teacher would not get to (Laskey et al., "DART", CoRL 2017).
     """
     shown, features, actions, rewards, ends = np.asarray(rows.reset()), [], [], [], []
-    shaken = rng.random(rows.num_envs) < 0.5
+    shaken = np.asarray(rng.random(rows.num_envs) < 0.5)
     for _ in range(max(1, count // rows.num_envs)):
         wanted = teacher(rows.shown)
         features.append(shown)

@@ -121,7 +121,7 @@ class _Run:
 
     @property
     def _chunk_rows(self) -> int:
-        per_rollout = self.settings.rollout_steps * self.rows.num_envs
+        per_rollout: int = self.settings.rollout_steps * self.rows.num_envs
         return max(1, self.settings.chunk_steps // per_rollout) * per_rollout
 
     def go(self) -> dict[str, Any]:

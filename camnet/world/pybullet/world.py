@@ -126,7 +126,7 @@ class PyBulletWorld:
         return found != 0 or self._can_always_touch
 
     def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
-        """True poses of a target at any times; see the protocol."""
+        """Return the true poses of a target at any times; see the protocol."""
         self._current()
         return self._foresight.poses(target, t_s)
 
