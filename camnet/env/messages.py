@@ -30,7 +30,7 @@ from camnet.env.settings import EnvSettings
 from camnet.simulation.entries import Entry
 from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.network import Network
-from camnet.types import Array, BoolArray
+from camnet.types import BoolArray
 
 __all__ = ["Messages", "messages_are_perfect"]
 
