@@ -59,6 +59,7 @@ class Model(NamedTuple):
     sense_dt_s, grace_s, replan_s, rollout_dt_s, lookahead_s : times, s
     steps : count of instants in a rollout
     centers, halves, widths : (C, 3), (C, 3), (C,) of the regions' bounding boxes; smaller horizontal half-size
+    heights : (C, 2) lowest and highest point of each region
     own : (N, 6) constant fields own.region_center and own.region_size
     speeds, views : (M,) top speeds of the targets; (N,) radius of the ball that fits the view
     v_max : top speed of the references, m/s
@@ -111,6 +112,7 @@ class Model(NamedTuple):
     steps: int
     centers: Array
     halves: Array
+    heights: Array
     widths: Array
     own: Array
     speeds: Array
@@ -280,6 +282,7 @@ def pack_network(network: Network, shown: Shown) -> Model:
         steps=max(1, round(lookahead / rollout_dt)),
         centers=centers,
         halves=halves,
+        heights=np.ascontiguousarray(bounds[:, :, 2]),
         widths=halves[:, :2].min(axis=1),
         own=np.concatenate([(centers - middle) / half, halves / half], axis=1)[:n],
         speeds=np.array([t.v_max_mps for t in s.targets]),

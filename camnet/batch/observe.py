@@ -59,7 +59,10 @@ def find_entries(model: Model, state: State, e: int, m: int, path: Array, t_s: f
         state.entries[e, m, c, 0] = 0.0
         nearest, touching = math.inf, -1
         for k in range(steps):
-            distance = distance_to(model, c, (path[k, 0], path[k, 1], path[k, 2]))
+            z, radius = path[k, 2], path[k, 3]
+            rise = min(max(z, model.heights[c, 0]), model.heights[c, 1]) - z
+            z += min(max(rise, -radius), radius)  # heights are noise about the ground, where regions end
+            distance = distance_to(model, c, (path[k, 0], path[k, 1], z))
             if distance <= 0.0:
                 if k > 0:
                     state.entries[e, m, c, 0] = 1.0

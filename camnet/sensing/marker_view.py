@@ -281,8 +281,10 @@ def _draw(
             i0, j0 = _module(first, x_mid, y_mid)
             i1, j1 = _module(last, x_mid, y_mid)
             colour = _colour(i0, j0, i1, j1, reach, modules)
-            if colour == -1:  # no nearer pixel can be on the plate
-                u += max(0, int(_beyond(i0, j0, i1, j1, n) / reach) - 2)
+            if (
+                colour == -1
+            ):  # no nearer pixel can be on the plate: a step is at most 4/3 reach, and some more off it
+                u += max(0, int(0.5 * _beyond(i0, j0, i1, j1, n) / reach) - 2)
                 continue
             if colour >= 0:
                 out[v, u] = BLACK + (WHITE - BLACK) / 255.0 * colour
