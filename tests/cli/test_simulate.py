@@ -139,7 +139,11 @@ def test_an_interrupted_run_is_valid_and_marked(tmp_path: Path, monkeypatch: pyt
 
     monkeypatch.setattr(simulate, "progress_bar", impatient)
     arguments = ["simulate", "quickstart", "--duration", "300", "--no-report", "--out", str(tmp_path / "run")]
-    assert main(arguments) == 0
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # shells have background jobs ignore it
+    try:
+        assert main(arguments) == 0
+    finally:
+        signal.signal(signal.SIGINT, before)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())["summary"]
     assert summary["interrupted"] is True
     assert 2.0 < summary["simulated_s"] < 3.0
