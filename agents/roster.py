@@ -5,7 +5,7 @@
 | `learned` | track, meet at the predicted entry, loiter | learning estimator, one model a target |
 | `learned_shared` | the same | learning estimator, one model for all targets |
 | `ekf` | the same | constant-velocity extended Kalman filter |
-| `oracle` | the same | the truth and the true future: the upper bound |
+| `oracle` | the same | the truth and the true future: the best prediction |
 | `auction` | the same, each target given to one agent by auction | learning estimator |
 | `nearest` | fly towards the nearest estimate | constant-velocity extended Kalman filter |
 | `static` | stay in the middle, look down | (the same) |

@@ -66,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
     from camnet.evaluation.table import markdown, write_tables
 
     plan = _plan(args)
-    folder = choose_folder(args.out, f"evaluate-seed{args.seed or 0}", force=True)
+    # one folder for one seed, so that the same command goes on; episodes of other settings are told apart there
+    folder = choose_folder(args.out or f"runs/evaluate-seed{args.seed or 0}", "", force=True)
     with progress_bar(100, "evaluate", "%", args.quiet) as advance:
         content = evaluate(plan, folder, lambda share: advance(100 * share))
     folder.mkdir(parents=True, exist_ok=True)

@@ -13,13 +13,14 @@ import multiprocessing
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from camnet import __version__
+from camnet.agents import estimator_of
 from camnet.evaluation.play import Match, play
 from camnet.evaluation.play_batch import play_together
 from camnet.evaluation.scores import METRICS, Score
@@ -115,7 +116,7 @@ def _played(plan: Plan, tasks: Sequence[tuple[Match, list[int]]]) -> Any:  # noq
         for match, seeds in tasks:
             yield match, seeds, _play(plan.back_end, match, seeds)
         return
-    _play(plan.back_end, _short(tasks[0][0]), tasks[0][1][:1])  # compiles here: Numba's cache has no lock
+    _compile(plan.back_end, tasks)
     with ProcessPoolExecutor(plan.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         futures: dict[Future[list[Score]], tuple[Match, list[int]]] = {
             pool.submit(_play, plan.back_end, match, seeds): (match, seeds) for match, seeds in tasks
@@ -125,8 +126,11 @@ def _played(plan: Plan, tasks: Sequence[tuple[Match, list[int]]]) -> Any:  # noq
             yield match, seeds, future.result()
 
 
-def _short(match: Match) -> Match:
-    return Match(match.agent, match.world, 5, match.cutoff_m, match.overrides, match.options)
+def _compile(back_end: str, tasks: Sequence[tuple[Match, list[int]]]) -> None:
+    """Play a moment with every world and estimator, so that workers find all compiled: Numba's cache has no lock."""
+    kinds = {(m.world, estimator_of(m.agent)): (m, seeds[:1]) for m, seeds in tasks}
+    for match, seeds in kinds.values():
+        _play(back_end, replace(match, max_cycles=5), seeds)
 
 
 def _play(back_end: str, match: Match, seeds: Sequence[int]) -> list[Score]:
