@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from camnet.agents import AgentContext, build_team, network_contexts
 from camnet.env.batch_handoff import BatchHandoff
+from camnet.env.batch_vector import sb3_vec_env
 from camnet.training.rows import FeatureRows, Rule
 from camnet.training.settings import TrainSettings
 
@@ -47,7 +48,7 @@ def _open(world: str, environments: int, settings: TrainSettings) -> WorldRows:
     )
     known = network_contexts(env.network, env.layout, env.settings.gaze_max_rad)
     base = rule_on_rows(settings.residual_of, known, environments) if settings.residual_of else None
-    rows = FeatureRows(env, tuple(known.values()), base, settings.residual_scale)
+    rows = FeatureRows(sb3_vec_env(env), tuple(known.values()), base, settings.residual_scale)
     return WorldRows(world, rows, tuple(known.values()))
 
 

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from camnet.agents.features import FEATURES, FeatureMap
 from camnet.agents.policy import AgentContext
-from camnet.env.batch_handoff import BatchHandoff
 from camnet.types import Array
 
 __all__ = ["FeatureRows", "JoinedRows", "Normaliser", "Rule"]
@@ -46,108 +45,56 @@ class Normaliser:
         return np.clip((features - self.mean) / self.scale, -_LIMIT, _LIMIT).astype(np.float32)
 
 
-class _Rows(VecEnv):
-    """What the interface asks for and rows do not have."""
-
-    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Attribute of the rows (only ``render_mode`` is asked for)."""
-        return [None] * len(self._rows(indices))
-
-    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:  # noqa: ANN401 - as in the base
-        """Rows have no attributes of their own."""
-        raise AttributeError(f"rows have no attribute {attr_name!r} to set")
-
-    def env_method(
-        self,
-        method_name: str,
-        *args: Any,  # noqa: ANN401 - as in the base
-        indices: VecEnvIndices = None,
-        **kwargs: Any,  # noqa: ANN401 - as in the base
-    ) -> list[Any]:
-        """Rows have no methods of their own."""
-        raise AttributeError(f"rows have no method {method_name!r}")
-
-    def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Rows are not wrapped one by one."""
-        return [False] * len(self._rows(indices))
-
-    def _rows(self, indices: VecEnvIndices) -> list[int]:
-        return list(self._get_indices(indices))
-
-
-class FeatureRows(_Rows):
+class FeatureRows(VecEnvWrapper):
     """Agents of many environments of one world, shown by the features of `camnet.agents.features`.
 
     Parameters
     ----------
-    env : starts the next episode by itself; rows are agents, agent by agent within an environment
+    rows : of `camnet.env.batch_vector.sb3_vec_env`: agents, agent by agent within an environment
     known : fixed facts of the agents of one environment, in that order
     base, share : what acts on observations (B, D); actions are then ``base + share * action``, clipped
     """
 
     def __init__(
-        self, env: BatchHandoff, known: Sequence[AgentContext], base: Rule | None = None, share: float = 1.0
+        self, rows: VecEnv, known: Sequence[AgentContext], base: Rule | None = None, share: float = 1.0
     ) -> None:
-        self.env, self._agents = env, len(known)
-        self._base, self._share = base, share
         box = spaces.Box(-np.inf, np.inf, (len(FEATURES),), dtype=np.float32)
-        action = spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
-        super().__init__(env.environments * len(known), box, action)
+        super().__init__(rows, observation_space=box)
+        self._base, self._share = base, share
         self._map = FeatureMap(known[0].layout)
-        self._half_sizes = np.tile(np.array([context.half_size for context in known]), (env.environments, 1))
+        sizes = np.array([context.half_size for context in known])
+        self._half_sizes = np.tile(sizes, (rows.num_envs // len(known), 1))
         self.normaliser = Normaliser.none()
         #: observations (B, D) behind the last features
-        self.shown: NDArray[np.float32] = np.zeros((self.num_envs, 0), dtype=np.float32)
-        self._seed_of_first: int | None = None
-        self._actions = np.zeros((env.environments, self._agents, 5), dtype=np.float32)
+        self.shown: NDArray[np.float32] = np.zeros((rows.num_envs, 0), dtype=np.float32)
 
-    def _features(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        self.shown = observations.reshape(self.num_envs, -1)
-        return self.normaliser(self._map(self.shown, self._half_sizes))
-
-    def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Choose the next reset's episodes: environment e takes seed + e, and goes on from there."""
-        self._seed_of_first = seed
-        return [seed] * self.num_envs
+    def _features(self, shown: NDArray[np.float32]) -> NDArray[np.float32]:
+        self.shown = shown
+        return self.normaliser(self._map(shown, self._half_sizes))
 
     def reset(self) -> VecEnvObs:
         """Start new episodes everywhere."""
-        observations = self.env.reset(seed=self._seed_of_first)
-        self._seed_of_first = None
-        return self._features(observations)
+        return self._features(np.asarray(self.venv.reset()))
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the actions of all rows."""
         wanted = np.asarray(actions, dtype=np.float32)
         if self._base is not None:
             wanted = np.clip(self._base(self.shown) + self._share * wanted, -1.0, 1.0)
-        self._actions = wanted.reshape(self._actions.shape)
+        self.venv.step_async(wanted)
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Fly a decision; every agent of an environment gets the shared reward."""
-        step = self.env.step(self._actions)
-        dones = np.repeat(step.terminated | step.truncated, self._agents)
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for e, figures in step.finished.items():
-            rows = slice(e * self._agents, (e + 1) * self._agents)
-            last = self.normaliser(self._map(step.last[e], self._half_sizes[rows]))
-            for k, info in enumerate(infos[rows]):
-                info["terminal_observation"] = last[k]
-                info["TimeLimit.truncated"] = bool(step.truncated[e])
-            infos[rows.start]["episode"] = {
-                "r": figures["return"],
-                "l": figures["length"],
-                "time_in_view": figures["time_in_view"],
-            }
-        rewards = np.repeat(step.rewards, self._agents).astype(np.float32)
-        return self._features(step.observations), rewards, dones, infos
-
-    def close(self) -> None:
-        """End the environments' threads."""
-        self.env.close()
+        """Fly a decision; the last observation of an episode that has ended is turned into features, too."""
+        shown, rewards, dones, infos = self.venv.step_wait()
+        for row in np.flatnonzero(dones):
+            last = np.asarray(infos[row]["terminal_observation"])[None]
+            infos[row]["terminal_observation"] = self.normaliser(
+                self._map(last, self._half_sizes[row : row + 1])
+            )[0]
+        return self._features(np.asarray(shown)), rewards, dones, infos
 
 
-class JoinedRows(_Rows):
+class JoinedRows(VecEnv):
     """The rows of several vector environments, one after the other.
 
     Parameters
@@ -194,3 +141,28 @@ class JoinedRows(_Rows):
             for k, part in enumerate(self.parts)
             for s in part.seed(None if seed is None else seed + 7919 * k)
         ]
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Attribute of the rows (only ``render_mode`` is asked for)."""
+        return [None] * len(self._rows(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:  # noqa: ANN401 - as in the base
+        """Rows have no attributes of their own."""
+        raise AttributeError(f"rows have no attribute {attr_name!r} to set")
+
+    def env_method(
+        self,
+        method_name: str,
+        *args: Any,  # noqa: ANN401 - as in the base
+        indices: VecEnvIndices = None,
+        **kwargs: Any,  # noqa: ANN401 - as in the base
+    ) -> list[Any]:
+        """Rows have no methods of their own."""
+        raise AttributeError(f"rows have no method {method_name!r}")
+
+    def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
+        """Rows are not wrapped one by one."""
+        return [False] * len(self._rows(indices))
+
+    def _rows(self, indices: VecEnvIndices) -> list[int]:
+        return list(self._get_indices(indices))

@@ -275,7 +275,7 @@ class _Meter(BaseCallback):
         for info in self.locals["infos"]:
             if "episode" in info:
                 self._returns.append(float(info["episode"]["r"]))
-                self._in_view.append(float(info["episode"].get("time_in_view", np.nan)))
+                self._in_view.append(float(info["metrics"]["time_in_view"]))
         return True
 
     def _on_rollout_end(self) -> None:
