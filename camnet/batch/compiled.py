@@ -1,4 +1,15 @@
-"""How the loops' parts are compiled."""
+"""How the loops' parts are compiled.
+
+| decorator | called from | arrays |
+| --- | --- | --- |
+| ``outer`` | Python too | borrowed: none is made or returned inside, so none is counted |
+| ``inner`` | compiled code only | the same |
+| ``owner`` | Python too | may be made and returned: every array handed over is counted |
+| ``inner_owner`` | compiled code only | the same |
+
+Counting references of the dozens of arrays of a network at every call costs six times what the arithmetic does, so
+whatever takes a whole network borrows.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +17,14 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["inner", "outer"]
+__all__ = ["inner", "inner_owner", "outer", "owner"]
 
-#: options that Numba knows and its type stubs do not
-_ALONE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: a division by zero gives what IEEE 754 says, without a test at every division
-outer = njit(cache=True, nogil=True, error_model="numpy")
+_COMMON: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 #: for parts that only compiled code calls: without a way in from Python, which for arguments as wide as a whole
 #: network costs half of the compilation
-inner = njit(cache=True, nogil=True, error_model="numpy", **_ALONE)
+_ALONE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+outer = njit(**_COMMON, _nrt=False)
+inner = njit(**_COMMON, **_ALONE, _nrt=False)
+owner = njit(**_COMMON, _nrt=True)
+inner_owner = njit(**_COMMON, **_ALONE, _nrt=True)

@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from camnet.batch.compiled import inner, outer
+from camnet.batch.compiled import inner_owner, owner
 from camnet.batch.estimator_field import Kernels, dense_weights, field_on_grid, kernels_at, workspace
 from camnet.batch.estimator_gap import bridge, path_windows
 from camnet.batch.estimator_layout import (
@@ -101,7 +101,7 @@ ESTIMATE = {
 # --- results ---------------------------------------------------------------------------------------------------------
 
 
-@inner
+@inner_owner
 def _growth(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     """Growth of the error radius while unseen, m/s."""
     j = k[MODEL]
@@ -114,7 +114,7 @@ def _growth(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     return MARGIN * most
 
 
-@inner
+@inner_owner
 def _radius(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     if k[REGION] < 0:
         return math.inf
@@ -122,7 +122,7 @@ def _radius(c: Rules, pose: Array, k: IntArray, d: Array) -> float:
     return float(base + _growth(c, pose, k, d) * max(0.0, pose[T] - pose[LAST_SEEN]))
 
 
-@outer
+@owner
 def estimate(setup: EstimatorSetup, state: EstimatorState, row: int, out: Array) -> int:
     """Write what is believed now to ``out`` (16,), fields as in ``ESTIMATE``; return the region last seen in or -1.
 
@@ -140,13 +140,13 @@ def estimate(setup: EstimatorSetup, state: EstimatorState, row: int, out: Array)
 # --- motion ----------------------------------------------------------------------------------------------------------
 
 
-@inner
+@inner_owner
 def _heading(q: Quaternion) -> tuple[float, float]:
     """Direction of the body's x axis seen from above, not scaled."""
     return 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]), 2.0 * (q[1] * q[2] + q[0] * q[3])
 
 
-@inner
+@inner_owner
 def _moved(c: Rules, p: Triple, twist: Array, dt: float) -> Triple:
     """Position after ``dt`` at a constant velocity, projected onto the tracking bounds."""
     low, high = c.low, c.high
@@ -157,7 +157,7 @@ def _moved(c: Rules, p: Triple, twist: Array, dt: float) -> Triple:
     )
 
 
-@inner
+@inner_owner
 def _turned(q: Quaternion, twist: Array, dt: float) -> Quaternion:
     """Orientation after ``dt`` at a constant body rate."""
     a = multiply(q, turn(dt * twist[3], dt * twist[4], dt * twist[5]))
@@ -165,7 +165,7 @@ def _turned(q: Quaternion, twist: Array, dt: float) -> Quaternion:
     return a[0] / n, a[1] / n, a[2] / n, a[3] / n
 
 
-@inner
+@inner_owner
 def _blend(field: Array, prior: Array, use_prior: bool, twist: Array) -> float:
     """Write the twist (6,) of the field W^T sigma (8,) and the prior; return the support u."""
     support: float = min(1.0, max(0.0, field[UNIT]))
@@ -175,7 +175,7 @@ def _blend(field: Array, prior: Array, use_prior: bool, twist: Array) -> float:
     return support
 
 
-@inner
+@inner_owner
 def _carry_prior(
     c: Rules, prior: Array, q: Quaternion, twist: Array, share: float, fade: float, dt: float
 ) -> None:
@@ -190,7 +190,7 @@ def _carry_prior(
         prior[i] += share * (twist[i] - prior[i])
 
 
-@inner
+@inner_owner
 def _field(
     kernels: Kernels,
     c: Rules,
@@ -216,7 +216,7 @@ def _field(
     picked_rows(sigma, index, active, weights_of(c, k, d, j), out)
 
 
-@inner
+@inner_owner
 def _integrate(
     kernels: Kernels,
     c: Rules,
@@ -266,7 +266,7 @@ def _integrate(
     pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3] = q
 
 
-@inner
+@inner_owner
 def _advance(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, t: float) -> None:
     """Motion without feedback up to ``t``, and the weights on their stack alone."""
     duration, j = t - pose[T], k[MODEL]
@@ -281,7 +281,7 @@ def _advance(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, t: 
         step(c, k, d, j, inverse_of(c, k, d, j), c.dt_s * c.gamma, k, nothing, nothing)
 
 
-@inner
+@inner_owner
 def _due_steps(c: Rules, pose: Array, model: Array, t: float) -> int:
     """Count the nominal weight steps that have fallen due up to ``t``; they count as taken."""
     pose[OWED] += max(0.0, t - model[ADVANCED])
@@ -291,7 +291,7 @@ def _due_steps(c: Rules, pose: Array, model: Array, t: float) -> int:
     return steps
 
 
-@outer
+@owner
 def rollout(setup: EstimatorSetup, state: EstimatorState, row: int, dt_s: float, out: Array) -> None:
     """Future path if no measurement came any more: ``out`` (K, 8) takes p, q and radius at dt, 2 dt, ... from now.
 
@@ -315,7 +315,7 @@ def rollout(setup: EstimatorSetup, state: EstimatorState, row: int, dt_s: float,
 # --- advancing -------------------------------------------------------------------------------------------------------
 
 
-@outer
+@owner
 def predict(setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float) -> None:
     """Advance ``row`` to ``t_s`` without a measurement; nothing happens before the first one."""
     c, pose, k, d = setup.rules, state.pose[row], state.flags[row], state.data[row]
@@ -327,7 +327,7 @@ def predict(setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float) 
     _advance(setup.kernels, c, pose, k, d, t_s)
 
 
-@outer
+@owner
 def correct(
     setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float, p: Array, q: Array, region: int
 ) -> None:
@@ -373,7 +373,7 @@ def correct(
             _learn(kernels, c, pose, k, d, across)
 
 
-@inner
+@inner_owner
 def _learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, across: int) -> None:
     """Offer the window that is complete (``across`` 0), or those of the path across the gap (1), to their stack.
 
@@ -400,7 +400,7 @@ def _learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, acros
     refresh(c, k, d, j)
 
 
-@inner
+@inner_owner
 def _align(q: Array, reference: Array) -> None:
     """Give ``q`` the sign that is closer to ``reference``."""
     if q[0] * reference[0] + q[1] * reference[1] + q[2] * reference[2] + q[3] * reference[3] < 0.0:
@@ -408,7 +408,7 @@ def _align(q: Array, reference: Array) -> None:
             q[i] = -q[i]
 
 
-@inner
+@inner_owner
 def _active_sigma(
     kernels: Kernels,
     c: Rules,
@@ -430,7 +430,7 @@ def _active_sigma(
     return int(count)
 
 
-@inner
+@inner_owner
 def _resight(c: Rules, pose: Array, k: IntArray, d: Array, t: float, p: Array) -> None:
     """Take the target up again at ``p``, after a gap or handed over without one."""
     old, duration = k[MODEL], t - pose[LAST_SEEN]
@@ -448,7 +448,7 @@ def _resight(c: Rules, pose: Array, k: IntArray, d: Array, t: float, p: Array) -
                 pose[GAP + i] = pose[EXIT + i]
 
 
-@inner
+@inner_owner
 def _correct_seen(
     c: Rules,
     pose: Array,
@@ -475,7 +475,7 @@ def _correct_seen(
         step(c, k, d, j, inverse, c.dt_s * c.gamma, index, sigma[: count if i == 0 else 0], error)
 
 
-@inner
+@inner_owner
 def _feedback(c: Rules, pose: Array, twist: Array, dt: float, p: Array, q: Array, error: Array) -> float:
     """Advance the pose by ``dt`` with feedback: `measured_step`, `correct_pose`, `output_error`; the residual, m."""
     now = (pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3])
@@ -505,7 +505,7 @@ def _feedback(c: Rules, pose: Array, twist: Array, dt: float, p: Array, q: Array
     return math.sqrt(square)
 
 
-@inner
+@inner_owner
 def _turn_error(aligned: Quaternion, moved: Quaternion, error: Array) -> None:
     """Write the orientation's part of G^T eta_til to ``error`` (8,): 1/2 B^T of the quaternions' difference."""
     q = aligned

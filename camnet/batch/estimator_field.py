@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner_owner
 from camnet.estimation.basis import CUTOFF, RbfBasis
 from camnet.estimation.vector_rows import running_rows
 from camnet.types import Array, IntArray
@@ -99,13 +99,13 @@ def _grid(basis: RbfBasis) -> Kernels | None:
     )
 
 
-@inner
+@inner_owner
 def workspace(k: Kernels) -> Array:
     """Room for the factors of one pose: squared distances and factors of columns, then of lines."""
     return np.empty(4 * (2 * k.reach + 1))
 
 
-@inner
+@inner_owner
 def _factors(
     x: float,
     n: int,
@@ -141,7 +141,7 @@ def _factors(
     return first, after
 
 
-@inner
+@inner_owner
 def _both_factors(k: Kernels, x: float, y: float, work: Array) -> tuple[int, int, int, int]:
     """Do so for columns and lines: ranges of columns and of lines."""
     nx, ny = k.number.shape
@@ -153,7 +153,7 @@ def _both_factors(k: Kernels, x: float, y: float, work: Array) -> tuple[int, int
     return c0, c1, l0, l1
 
 
-@inner
+@inner_owner
 def kernels_at(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array, work: Array
 ) -> int:
@@ -174,7 +174,7 @@ def kernels_at(
     return count
 
 
-@inner
+@inner_owner
 def _kernels_anywhere(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array
 ) -> int:
@@ -199,7 +199,7 @@ def _kernels_anywhere(
     return count
 
 
-@inner
+@inner_owner
 def dense_weights(
     k: Kernels, order: IntArray, n: int, weights: Array, dense: Array, ranges: IntArray
 ) -> tuple[float, float, float, float]:
@@ -229,7 +229,7 @@ def dense_weights(
     return x0 - rx, x1 + rx, y0 - ry, y1 + ry
 
 
-@inner
+@inner_owner
 def field_on_grid(
     k: Kernels,
     dense: Array,

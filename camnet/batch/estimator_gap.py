@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner_owner
 from camnet.batch.estimator_field import Kernels, kernels_at, workspace
 from camnet.batch.estimator_layout import (
     GAP,
@@ -33,7 +33,7 @@ from camnet.types import Array, IntArray
 __all__ = ["bridge", "path_windows"]
 
 
-@inner
+@inner_owner
 def _whole_turn(exit_: Array, entry: Array) -> Triple:
     """Rotation vector from exit to entry, with the number of full turns that the body rates suggest."""
     back = (exit_[4], -exit_[5], -exit_[6], -exit_[7])
@@ -56,7 +56,7 @@ def _whole_turn(exit_: Array, entry: Array) -> Triple:
     return whole * axis[0], whole * axis[1], whole * axis[2]
 
 
-@inner
+@inner_owner
 def _rotation_vector_rate(theta: Triple, w: Triple) -> Triple:
     """Rate of the rotation vector ``theta`` whose body rate is ``w``: the inverse right Jacobian."""
     angle = size(theta[0], theta[1], theta[2])
@@ -72,14 +72,14 @@ def _rotation_vector_rate(theta: Triple, w: Triple) -> Triple:
     return w[0] + 0.5 * x[0] + f * y[0], w[1] + 0.5 * x[1] + f * y[1], w[2] + 0.5 * x[2] + f * y[2]
 
 
-@inner
+@inner_owner
 def _hermite(u: float, x0: float, d0: float, x1: float, d1: float) -> float:
     """Cubic through x0, x1 with the derivatives d0, d1 in [0, 1]."""
     v = (1.0 - u) ** 2
     return (1.0 + 2.0 * u) * v * x0 + u * v * d0 + u**2 * (3.0 - 2.0 * u) * x1 + u**2 * (u - 1.0) * d1
 
 
-@inner
+@inner_owner
 def _path(exit_: Array, entry: Array, points: int) -> Array:
     """Positions and orientations (points, 7) across the gap."""
     duration = entry[0] - exit_[0]
@@ -105,7 +105,7 @@ def _path(exit_: Array, entry: Array, points: int) -> Array:
     return out
 
 
-@inner
+@inner_owner
 def _path_psd(c: Rules, exit_: Array, entry: Array) -> float:
     """Power spectral density of the unknown acceleration, raised to what the ends contradict."""
     duration = entry[0] - exit_[0]
@@ -115,7 +115,7 @@ def _path_psd(c: Rules, exit_: Array, entry: Array) -> float:
     return float(max(c.accel_psd_m2ps3, 12.0 * against / (3.0 * duration**3)))
 
 
-@inner
+@inner_owner
 def _add_regressor(
     kernels: Kernels, c: Rules, k: IntArray, d: Array, j: int, pose: Array, share: float, row: Array
 ) -> None:
@@ -132,7 +132,7 @@ def _add_regressor(
         row[place] += share * sigma[m]
 
 
-@inner
+@inner_owner
 def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
     """Write the increment (8,) from pose ``a`` to pose ``b``, both (7,)."""
     for i in range(3):
@@ -141,7 +141,7 @@ def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
     out[6], out[UNIT] = 0.0, duration
 
 
-@inner
+@inner_owner
 def _contradicts(
     c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array, weight: float
 ) -> bool:
@@ -156,7 +156,7 @@ def _contradicts(
     return bool(square > (0.5 * c.outlier_gate) ** 2 * variance * duration**2)
 
 
-@inner
+@inner_owner
 def path_windows(c: Rules, pose: Array, k: IntArray, d: Array, entry: Array) -> int:
     """Count the windows of the gap that waits, if the re-sighting has lasted long enough; ``entry`` takes its end."""
     k_gap = k[GAP_MODEL]
@@ -171,7 +171,7 @@ def path_windows(c: Rules, pose: Array, k: IntArray, d: Array, entry: Array) -> 
     return 0 if duration > c.max_gap_s else windows
 
 
-@inner
+@inner_owner
 def bridge(
     kernels: Kernels,
     c: Rules,

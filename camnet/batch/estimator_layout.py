@@ -39,7 +39,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camnet.batch.compiled import inner, outer
+from camnet.batch.compiled import inner_owner, owner
 from camnet.batch.estimator_field import Kernels, pack_kernels
 from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis
@@ -323,7 +323,7 @@ def allocate(
     return state
 
 
-@outer
+@owner
 def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
     """Make row ``row`` as new: nothing seen, nothing learned."""
     pose, flags = state.pose[row], state.flags[row]
@@ -339,7 +339,7 @@ def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
         _reset_model(setup.rules, flags, state.data[row], j)
 
 
-@inner
+@inner_owner
 def _reset_model(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Make model ``j`` of a row as new."""
     model, counts, places = model_of(c, k, d, j), counts_of(c, k, j), place_of(c, k, j)
@@ -358,19 +358,19 @@ def _reset_model(c: Rules, k: IntArray, d: Array, j: int) -> None:
 # --- parts of a row: ``k`` is a row of ``flags``, ``d`` one of ``data``, ``j`` a model -------------------------------
 
 
-@inner
+@inner_owner
 def counts_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Return the counts (COUNT_COLUMNS,) of a model."""
     return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) :]
 
 
-@inner
+@inner_owner
 def order_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Numbers of the active kernels."""
     return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) + COUNT_COLUMNS :]
 
 
-@inner
+@inner_owner
 def place_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Places (p,) of the kernels among the active ones."""
     p = c.size
@@ -378,51 +378,51 @@ def place_of(c: Rules, k: IntArray, j: int) -> IntArray:
     return k[first : first + p]
 
 
-@inner
+@inner_owner
 def model_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Block of a model, its numbers (MODEL_COLUMNS,) first."""
     return d[c.at.models + j * k[BLOCK] :]
 
 
-@inner
+@inner_owner
 def weights_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Weights, flat: 8 numbers an active kernel."""
     return d[c.at.models + j * k[BLOCK] + c.at.weights :]
 
 
-@inner
+@inner_owner
 def moment_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Moment Q, flat: 8 numbers an active kernel."""
     return d[c.at.models + j * k[BLOCK] + c.at.moment :]
 
 
-@inner
+@inner_owner
 def inverse_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Inverse of the implicit step, flat."""
     return d[c.at.models + j * k[BLOCK] + c.at.inverse :]
 
 
-@inner
+@inner_owner
 def row_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
     """Regressor of stack entry ``index`` over the active kernels."""
     return d[c.at.models + j * k[BLOCK] + c.at.rows + index * c.at.padded :]
 
 
-@inner
+@inner_owner
 def increment_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
     """Increment (8,) of stack entry ``index``, and in the ninth place when it entered, s."""
     first = c.at.models + j * k[BLOCK] + c.at.rows + k[CAPACITY] * c.at.padded
     return d[first + index * (COLUMNS + 1) :]
 
 
-@inner
+@inner_owner
 def books_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Leverages (C,) and after them the inverse of the D-optimal rule."""
     first = c.at.models + j * k[BLOCK] + c.at.rows
     return d[first + -(-k[CAPACITY] * (c.at.padded + COLUMNS + 1) // GROWTH) * GROWTH :]
 
 
-@inner
+@inner_owner
 def sigma_of(c: Rules, d: Array, sample: int) -> Array:
     """Sigma over the active kernels of a sample of the window."""
     return d[c.at.sigma + sample * c.at.padded :]

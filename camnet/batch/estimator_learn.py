@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner_owner
 from camnet.batch.estimator_layout import (
     ACTIVE,
     AGREED,
@@ -51,7 +51,7 @@ from camnet.types import Array, IntArray
 __all__ = ["fit_held", "fit_motion", "interrupt", "misfit", "next_window", "note_pose", "refresh_prior"]
 
 
-@inner
+@inner_owner
 def fit_motion(history: Array, n: int, t_eval: float, out: Array) -> None:
     """Write pose (p, q) and velocity (v, w) at ``t_eval`` to ``out`` (13,): `camnet.estimation.gap.fit_motion`."""
     t_mid = 0.0
@@ -88,7 +88,7 @@ def fit_motion(history: Array, n: int, t_eval: float, out: Array) -> None:
     out[10], out[11], out[12] = w
 
 
-@inner
+@inner_owner
 def fit_held(c: Rules, k: IntArray, d: Array, t_eval: float, out: Array) -> bool:
     """Fit the poses held; False if they are too few, or all of one instant."""
     n = k[HELD]
@@ -98,7 +98,7 @@ def fit_held(c: Rules, k: IntArray, d: Array, t_eval: float, out: Array) -> bool
     return True
 
 
-@inner
+@inner_owner
 def refresh_prior(c: Rules, pose: Array, k: IntArray, d: Array) -> None:
     """Fit the present motion if that is due, and make it the prior mean."""
     if not k[FIT_DUE]:
@@ -110,7 +110,7 @@ def refresh_prior(c: Rules, pose: Array, k: IntArray, d: Array) -> None:
             pose[PRIOR + i] = out[7 + i]
 
 
-@inner
+@inner_owner
 def interrupt(c: Rules, pose: Array, k: IntArray, d: Array, last_seen_s: float) -> None:
     """End the sighting; how the target left goes to EXIT, HAS_EXIT says whether that can be told."""
     refresh_prior(c, pose, k, d)
@@ -119,7 +119,7 @@ def interrupt(c: Rules, pose: Array, k: IntArray, d: Array, last_seen_s: float) 
     k[FILLED], k[HELD], k[GAP_MODEL] = 0, 0, -1
 
 
-@inner
+@inner_owner
 def _note(d: Array, first: int, t_s: float, p: Array, q: Array, sign: float) -> None:
     d[first] = t_s
     for i in range(3):
@@ -128,7 +128,7 @@ def _note(d: Array, first: int, t_s: float, p: Array, q: Array, sign: float) -> 
         d[first + 4 + i] = sign * q[i]
 
 
-@inner
+@inner_owner
 def note_pose(
     c: Rules,
     k: IntArray,
@@ -167,7 +167,7 @@ def note_pose(
     return bool(filled + 1 == c.intervals + c.average)
 
 
-@inner
+@inner_owner
 def next_window(c: Rules, k: IntArray, d: Array, t_s: float, row: Array, increment: Array) -> bool:
     """Write the complete window to ``row`` and ``increment``; the next begins with its last samples.
 
@@ -186,7 +186,7 @@ def next_window(c: Rules, k: IntArray, d: Array, t_s: float, row: Array, increme
     return bool(_passes(c, k, d, j, t_s, row, increment))
 
 
-@inner
+@inner_owner
 def _close_window(c: Rules, d: Array, row: Array, increment: Array) -> None:
     """Write regressor (n,) and increment (8,) of the window: the mean of ``average`` shifted ones."""
     n, m = c.intervals, c.average
@@ -216,7 +216,7 @@ def _close_window(c: Rules, d: Array, row: Array, increment: Array) -> None:
     increment[UNIT] = last[0] - first[0]
 
 
-@inner
+@inner_owner
 def misfit(c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array, out: Array) -> None:
     """Write increment - Y W (8,) to ``out``; ``row`` over the active kernels."""
     weights = weights_of(c, k, d, j)
@@ -228,7 +228,7 @@ def misfit(c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array
                 out[o] -= row[a] * weights[COLUMNS * a + o]
 
 
-@inner
+@inner_owner
 def _passes(c: Rules, k: IntArray, d: Array, j: int, t_s: float, row: Array, increment: Array) -> bool:
     """Whether the outlier gate lets a window in: `camnet.estimation.learner.OutlierGate`."""
     model = model_of(c, k, d, j)
@@ -256,7 +256,7 @@ def _passes(c: Rules, k: IntArray, d: Array, j: int, t_s: float, row: Array, inc
     return bool(_judge(model, counts_of(c, k, j), far, suspect, t_s))
 
 
-@inner
+@inner_owner
 def _judge(model: Array, counts: IntArray, far: bool, suspect: bool, t_s: float) -> bool:
     if suspect and counts[SUSPECT_RUN] == 0:
         model[RUN_BEGAN] = t_s

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner_owner
 from camnet.batch.estimator_layout import (
     ACTIVE,
     CAPACITY,
@@ -52,7 +52,7 @@ __all__ = ["activate", "rank_one", "refresh", "settle", "square_norm", "stack_in
 _SETTLE_STEPS = 6
 
 
-@inner
+@inner_owner
 def _widen(matrix: Array, n: int, old: int, new: int) -> None:
     """Move the rows of a square matrix (n, n) from ``old`` to ``new`` > ``old`` apart; new room is zero."""
     for i in range(n - 1, -1, -1):
@@ -62,7 +62,7 @@ def _widen(matrix: Array, n: int, old: int, new: int) -> None:
             matrix[i * new + b] = 0.0
 
 
-@inner
+@inner_owner
 def _new_diagonal(matrix: Array, n: int, stride: int, value: float) -> None:
     for i in range(n):
         matrix[i * stride + n] = 0.0
@@ -71,7 +71,7 @@ def _new_diagonal(matrix: Array, n: int, stride: int, value: float) -> None:
     matrix[n * stride + n] = value
 
 
-@inner
+@inner_owner
 def activate(c: Rules, k: IntArray, d: Array, j: int, kernel: int) -> int:
     """Make a kernel active in model ``j``; return its place."""
     counts = counts_of(c, k, j)
@@ -105,7 +105,7 @@ def activate(c: Rules, k: IntArray, d: Array, j: int, kernel: int) -> int:
 # --- the weight law --------------------------------------------------------------------------------------------------
 
 
-@inner
+@inner_owner
 def square_norm(weights: Array, n: int) -> float:
     """Sum of squares of ``n`` rows of eight, eight sums side by side."""
     s0, s1, s2, s3, s4, s5, s6, s7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -121,7 +121,7 @@ def square_norm(weights: Array, n: int) -> float:
     return s0 + s1 + s2 + s3 + s4 + s5 + s6 + s7
 
 
-@inner
+@inner_owner
 def step(
     c: Rules,
     k: IntArray,
@@ -165,7 +165,7 @@ def step(
     model[NORM2] = norm2
 
 
-@inner
+@inner_owner
 def settle(c: Rules, k: IntArray, d: Array, j: int, duration_s: float) -> None:
     """Advance the weights by ``duration_s`` on the stack alone, in a few long implicit steps."""
     counts = counts_of(c, k, j)
@@ -181,7 +181,7 @@ def settle(c: Rules, k: IntArray, d: Array, j: int, duration_s: float) -> None:
 # --- the inverse -----------------------------------------------------------------------------------------------------
 
 
-@inner
+@inner_owner
 def stack_inverse(c: Rules, k: IntArray, d: Array, j: int, scale: float, shift: float, out: Array) -> None:
     """Write (``scale`` sum Y^T Y + ``shift`` I)^-1 over the active kernels to ``out``, flat, rows STRIDE apart.
 
@@ -222,7 +222,7 @@ def stack_inverse(c: Rules, k: IntArray, d: Array, j: int, scale: float, shift: 
             out[b * stride + a] = mean
 
 
-@inner
+@inner_owner
 def refresh(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Compute the inverse of the implicit step afresh, if it waits for that."""
     counts, rate = counts_of(c, k, j), c.dt_s * c.kcl * c.gamma
@@ -231,7 +231,7 @@ def refresh(c: Rules, k: IntArray, d: Array, j: int) -> None:
         counts[CHANGES], counts[STALE] = 0, 0
 
 
-@inner
+@inner_owner
 def rank_one(matrix: Array, n: int, stride: int, y: Array, scale: float, sign: float) -> Array:
     """Sherman-Morrison in place for ``scale`` y, as `camnet.estimation.selection.rank_one`; return its u (n,)."""
     u = np.zeros(n)

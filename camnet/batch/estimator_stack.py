@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner_owner
 from camnet.batch.estimator_layout import (
     ACTIVE,
     CAPACITY,
@@ -45,7 +45,7 @@ from camnet.types import Array, IntArray
 __all__ = ["forget", "learn_window", "open_books"]
 
 
-@inner
+@inner_owner
 def learn_window(
     c: Rules,
     k: IntArray,
@@ -90,7 +90,7 @@ def learn_window(
         counts[STALE] = 1
 
 
-@inner
+@inner_owner
 def _write(
     c: Rules,
     k: IntArray,
@@ -111,7 +111,7 @@ def _write(
     _add_to_moment(c, k, d, j, index, 1.0)
 
 
-@inner
+@inner_owner
 def _add_to_moment(c: Rules, k: IntArray, d: Array, j: int, index: int, sign: float) -> None:
     row, increment = row_of(c, k, d, j, index), increment_of(c, k, d, j, index)
     moment = moment_of(c, k, d, j)
@@ -122,7 +122,7 @@ def _add_to_moment(c: Rules, k: IntArray, d: Array, j: int, index: int, sign: fl
                 moment[COLUMNS * a + o] += share * increment[o]
 
 
-@inner
+@inner_owner
 def _dot(a: Array, b: Array, n: int) -> float:
     """Product over ``n`` numbers, four sums side by side."""
     whole = n - n % 4
@@ -140,7 +140,7 @@ def _dot(a: Array, b: Array, n: int) -> float:
 # --- the D-optimal rule ----------------------------------------------------------------------------------------------
 
 
-@inner
+@inner_owner
 def _choose(c: Rules, k: IntArray, d: Array, j: int, y: Array) -> int:
     """Entry that should give way to ``y``, or -1."""
     counts = counts_of(c, k, j)
@@ -161,7 +161,7 @@ def _choose(c: Rules, k: IntArray, d: Array, j: int, y: Array) -> int:
     return best
 
 
-@inner
+@inner_owner
 def open_books(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Compute (Psi + regularisation I)^-1 and the leverages of all entries, if the stack is full and has none."""
     counts, books = counts_of(c, k, j), books_of(c, k, d, j)
@@ -173,7 +173,7 @@ def open_books(c: Rules, k: IntArray, d: Array, j: int) -> None:
     counts[SELECTING], counts[SELECTED] = 1, 0
 
 
-@inner
+@inner_owner
 def _leverage(c: Rules, k: IntArray, d: Array, j: int, index: int) -> float:
     counts = counts_of(c, k, j)
     n, stride = counts[ACTIVE], counts[STRIDE]
@@ -185,7 +185,7 @@ def _leverage(c: Rules, k: IntArray, d: Array, j: int, index: int) -> float:
     return total
 
 
-@inner
+@inner_owner
 def _follow(c: Rules, k: IntArray, d: Array, j: int, y: Array, sign: float) -> None:
     """Change the inverse and all leverages for a row that entered (+1) or left (-1)."""
     counts, books = counts_of(c, k, j), books_of(c, k, d, j)
@@ -195,7 +195,7 @@ def _follow(c: Rules, k: IntArray, d: Array, j: int, y: Array, sign: float) -> N
         books[i] -= sign * _dot(row_of(c, k, d, j, i), u, n) ** 2
 
 
-@inner
+@inner_owner
 def _book(c: Rules, k: IntArray, d: Array, j: int, index: int, old: Array, y: Array) -> None:
     """Entry ``index`` was replaced."""
     counts = counts_of(c, k, j)
@@ -210,7 +210,7 @@ def _book(c: Rules, k: IntArray, d: Array, j: int, index: int, old: Array, y: Ar
 # --- forgetting ------------------------------------------------------------------------------------------------------
 
 
-@inner
+@inner_owner
 def forget(c: Rules, k: IntArray, d: Array, j: int, row: Array, before_s: float) -> None:
     """Drop the windows of places like ``row`` that entered before ``before_s``; weights fade with what they lose."""
     counts = counts_of(c, k, j)
@@ -236,7 +236,7 @@ def forget(c: Rules, k: IntArray, d: Array, j: int, row: Array, before_s: float)
     _after_loss(c, k, d, j, present, left)
 
 
-@inner
+@inner_owner
 def _move(c: Rules, k: IntArray, d: Array, j: int, source: int, place: int) -> None:
     """Move a stack entry."""
     row, increment = row_of(c, k, d, j, source), increment_of(c, k, d, j, source)
@@ -247,7 +247,7 @@ def _move(c: Rules, k: IntArray, d: Array, j: int, source: int, place: int) -> N
         increment_to[o] = increment[o]
 
 
-@inner
+@inner_owner
 def _after_loss(c: Rules, k: IntArray, d: Array, j: int, present: Array, left: Array) -> None:
     """Take sums and inverse from what is left, and weights in proportion to the diagonal of Psi."""
     counts = counts_of(c, k, j)

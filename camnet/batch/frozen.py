@@ -10,7 +10,8 @@ model answers for its motion the prior is renewed when it is next needed rather 
 | array | row of one (environment, target) |
 | --- | --- |
 | ``pose`` (E, M, 14) | t, p (3), q (4), prior mean (v, w: 6) |
-| ``history`` (E, M, H, 8) | latest poses of the sighting (t, p, q) as a ring |
+| ``history`` (E, M, 2 H, 8) | latest H poses of the sighting (t, p, q), a ring kept twice: they lie in one piece |
+| ``fitted`` (E, M, 13) | last fit to them |
 | ``held`` (E, M, 3) | their count, next place, whether a fit is due |
 | ``square`` (E, M, J) | mean square residual of each of a target's J models, m^2 |
 | ``rates`` (E, M, J, 9) | error rates of the last 8 gaps, m/s, and their count |
@@ -25,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner, outer
+from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator_learn import fit_motion
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
 from camnet.batch.network import Model
@@ -79,6 +80,7 @@ class Frozen(NamedTuple):
     reset_on_sighting: bool
     pose: Array
     history: Array
+    fitted: Array
     held: IntArray
     square: Array
     rates: Array
@@ -196,25 +198,23 @@ def _refresh_prior(f: Frozen, e: int, m: int) -> None:
     if f.held[e, m, 2] == 0 or 3 * held < f.samples or held < 3:
         return
     f.held[e, m, 2] = 0
-    rows, size = np.empty((held, 8)), f.history.shape[2]
-    for i in range(held):
-        for k in range(8):
-            rows[i, k] = f.history[e, m, (next_ - held + i + size) % size, k]
+    last = next_ + f.samples
+    rows = f.history[e, m, last - held : last]
     if not rows[held - 1, 0] > rows[0, 0]:
         return
-    out = np.empty(13)
-    fit_motion(rows, held, rows[held - 1, 0], out)
+    fit_motion(rows, held, rows[held - 1, 0], f.fitted[e, m])
     for i in range(6):
-        f.pose[e, m, 8 + i] = out[7 + i]
+        f.pose[e, m, 8 + i] = f.fitted[e, m, 7 + i]
 
 
 @inner
 def _remember(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
     """Note the measured pose for the next fit."""
-    size, at = f.history.shape[2], f.held[e, m, 1]
-    f.history[e, m, at, 0] = t_s
-    for i in range(7):
-        f.history[e, m, at, 1 + i] = state.measured[e, m, i]
+    size, at = f.samples, f.held[e, m, 1]
+    for row in (at, at + size):
+        f.history[e, m, row, 0] = t_s
+        for i in range(7):
+            f.history[e, m, row, 1 + i] = state.measured[e, m, i]
     f.held[e, m, 0] = min(f.held[e, m, 0] + 1, size)
     f.held[e, m, 1] = at + 1 if at + 1 < size else 0
     f.held[e, m, 2] = 1
@@ -375,7 +375,7 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
         path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
 
 
-@outer
+@owner
 def decide(
     model: Model,
     state: State,

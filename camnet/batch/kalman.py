@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner, outer
+from camnet.batch.compiled import inner_owner, owner
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
 from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
@@ -61,7 +61,7 @@ def reset_kalman(kalman: Kalman, e: int) -> None:
     kalman.cov_q[e] = np.diag([kalman.noise[3]] * 3 + [START_RATE_RADPS**2] * 3)
 
 
-@inner
+@inner_owner
 def _advance(kalman: Kalman, state: State, e: int, m: int, t_s: float) -> None:
     row, k = state.estimate[e, m], kalman.noise
     cov_p, cov_q = kalman.cov_p[e, m], kalman.cov_q[e, m]
@@ -70,7 +70,7 @@ def _advance(kalman: Kalman, state: State, e: int, m: int, t_s: float) -> None:
     kalman.at[e, m] = t_s
 
 
-@inner
+@inner_owner
 def update(kalman: Kalman, model: Model, state: State, e: int, m: int, t_s: float) -> None:
     """Advance the filter of target ``m`` to ``t_s``, with the measurement if there is one."""
     row, z = state.estimate[e, m], state.measured[e, m]
@@ -101,7 +101,7 @@ def update(kalman: Kalman, model: Model, state: State, e: int, m: int, t_s: floa
     row[16] = 3.0 * math.sqrt(kalman.cov_p[e, m, 0, 0])
 
 
-@inner
+@inner_owner
 def roll_out(kalman: Kalman, model: Model, state: State, e: int, m: int, path: Array) -> None:
     """Write the coming points and error radii (K, 4) at constant velocity to ``path``."""
     c, rho = kalman.cov_p[e, m], kalman.noise[0]
@@ -113,7 +113,7 @@ def roll_out(kalman: Kalman, model: Model, state: State, e: int, m: int, path: A
         path[k, 3] = 3.0 * math.sqrt(variance)
 
 
-@outer
+@owner
 def decide(
     model: Model,
     state: State,

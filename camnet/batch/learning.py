@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner, outer
+from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator import EstimatorSetup, EstimatorState, correct, estimate, predict, rollout
 from camnet.batch.estimator_layout import T
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
@@ -51,7 +51,7 @@ def roll_out(est: Learning, model: Model, state: State, e: int, m: int, wide: Ar
     return float(est.rows.pose[r, T])
 
 
-@outer
+@owner
 def decide(
     model: Model,
     state: State,

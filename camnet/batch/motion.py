@@ -441,6 +441,19 @@ def _step_road(
 
 
 @inner
+def _knot_before(t: Targets, first: int, n: int, at: float) -> int:
+    """Last of ``n`` knots of a track from ``first`` on that is not after ``at``; the last piece at most."""
+    low, high = 0, n - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if t.track_t[first + middle] <= at:
+            low = middle
+        else:
+            high = middle
+    return int(first + low)
+
+
+@inner
 def _step_track(t: Targets, m: int, now: Array, inner: Array, e: int, t_s: float, dt: float) -> None:
     """`ReplayMotion.step`: the state at ``t_s + dt``."""
     first, n = t.track_first[m], t.track_first[m + 1] - t.track_first[m]
@@ -450,8 +463,7 @@ def _step_track(t: Targets, m: int, now: Array, inner: Array, e: int, t_s: float
     goal = t.track_heading[first]
     if n > 1:
         clamped = min(max(at, t.track_t[first]), t.track_t[first + n - 1])
-        k = int(np.searchsorted(t.track_t[first : first + n], clamped, side="right")) - 1
-        k = first + min(max(k, 0), n - 2)
+        k = _knot_before(t, first, n, clamped)
         h, c = clamped - t.track_t[k], t.track_c[k]
         px = ((c[0, 0] * h + c[1, 0]) * h + c[2, 0]) * h + c[3, 0]
         py = ((c[0, 1] * h + c[1, 1]) * h + c[2, 1]) * h + c[3, 1]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner, outer
+from camnet.batch.compiled import inner, owner
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
 from camnet.batch.motion import step_target
 from camnet.batch.network import Model
@@ -108,7 +108,7 @@ def roll_out(oracle: Oracle, model: Model, state: State, e: int, m: int, path: A
         path[k, 3] = 0.0
 
 
-@outer
+@owner
 def decide(
     model: Model,
     state: State,

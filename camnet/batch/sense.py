@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inner, inner_owner
 from camnet.batch.network import CYLINDER, POLYTOPE, Model
 from camnet.batch.random import normal, uniform
 from camnet.batch.reference import clearance
@@ -37,16 +37,20 @@ def contains(model: Model, j: int, p: Triple) -> bool:
     return clearance(p, j, model.planes, model.plane_ends, model.discs) >= 0.0
 
 
+@inner_owner
+def _to_polytope(p: Triple, planes: Array, surface: Array) -> float:
+    point = np.array([[p[0], p[1], p[2]]])
+    a, b = np.ascontiguousarray(planes[:, :3]), planes[:, 3].copy()
+    return float(signed_distance(point, a, b, surface)[0])
+
+
 @inner
 def distance_to(model: Model, j: int, p: Triple) -> float:
     """Signed distance of a point to region ``j``, negative inside."""
     kind = model.kind[j]
     if kind == POLYTOPE:
-        point = np.array([[p[0], p[1], p[2]]])
-        first, last = model.plane_ends[j], model.plane_ends[j + 1]
         surface = model.triangles[model.triangle_ends[j] : model.triangle_ends[j + 1]]
-        a, b = np.ascontiguousarray(model.planes[first:last, :3]), model.planes[first:last, 3].copy()
-        return float(signed_distance(point, a, b, surface)[0])
+        return _to_polytope(p, model.planes[model.plane_ends[j] : model.plane_ends[j + 1]], surface)
     dz = max(model.boxes[j, 0, 2] - p[2], p[2] - model.boxes[j, 1, 2])
     if kind == CYLINDER:
         dx, dy = p[0] - model.discs[j, 0], p[1] - model.discs[j, 1]
