@@ -24,7 +24,23 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the long reproductions too")
 
 
+#: what compiles the same large kernels runs in one worker, since each worker compiles for itself
+_TOGETHER = {
+    "batch": ("batch/", "training/", "evaluation/", "cli/test_evaluate.py", "env/test_batch"),
+    "adate": ("adate/", "visual/", "estimation/test_adate_filter.py"),
+}
+
+
+def _keep_together(items: list[pytest.Item]) -> None:
+    for item in items:
+        place = item.path.relative_to(ROOT / "tests").as_posix()
+        for name, places in _TOGETHER.items():
+            if place.startswith(places):
+                item.add_marker(pytest.mark.xdist_group(name))
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    _keep_together(items)
     if config.getoption("--slow"):
         return
     skip = pytest.mark.skip(reason="long reproduction: run with --slow")
