@@ -4,13 +4,13 @@ Compiled twin of `camnet.estimation.learning_estimator.LearningEstimator` in the
 says what is done and why. All state is in rows of arrays (`camnet.batch.estimator_layout`); nothing here makes a Python
 object, holds the interpreter's lock or is shared between rows, so that threads may work on rows of their own.
 
-    setup = build_setup(settings, basis, n_regions, rate_hz, tracking_bounds)       once, in Python
-    state = allocate(setup, settings, rows, duration_s)                             once, in Python
-    reset(setup, state, row)                                                        start of an episode
-    correct(setup, state, row, t_s, p, q, region)                                   a measured world pose
-    predict(setup, state, row, t_s)                                                 an instant without one
-    rollout(setup, state, row, dt_s, out)                                           out (K, 8): path at dt, 2 dt, ...
-    estimate(setup, state, row, out)                                                out (16,): see ``ESTIMATE``
+    setup = build_setup(settings, basis, n_regions, rate_hz, tracking_bounds, roads)   once, in Python
+    state = allocate(setup, settings, rows, duration_s)                                once, in Python
+    reset(setup, state, row)                                                           start of an episode
+    correct(setup, state, row, t_s, p, q, region)                                      a measured world pose
+    predict(setup, state, row, t_s)                                                    an instant without one
+    rollout(setup, state, row, dt_s, out)                                              out (K, 8): path at dt, 2 dt, ...
+    estimate(setup, state, row, out)                                                   out (16,): see ``ESTIMATE``
 
 ``p`` (3,) and ``q`` (4,) are the measured pose of the target in the world; ``region`` is the index of the camera that
 measured it. Times must not run backwards; a measurement older than the state is moved along as in the class.
@@ -60,7 +60,7 @@ from camnet.batch.estimator_layout import (
     reset,
     weights_of,
 )
-from camnet.batch.estimator_learn import interrupt, next_window, note_pose, refresh_prior
+from camnet.batch.estimator_learn import interrupt, lose, next_window, note_pose, refresh_prior, road_offset
 from camnet.batch.estimator_model import activate, refresh, settle, step
 from camnet.batch.estimator_stack import forget, learn_window, open_books
 from camnet.batch.triples import Quaternion, Triple, multiply, rotate, rotate_inverse, size, turn
@@ -70,6 +70,7 @@ from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.projection import axis_factor
 from camnet.estimation.propagate import COLUMNS, POSE_LAYER_M, UNIT
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
+from camnet.estimation.road_prior import RoadMap, steer
 from camnet.estimation.vector_rows import picked_rows
 from camnet.types import Array, IntArray
 
@@ -219,6 +220,7 @@ def _field(
 @inner_owner
 def _integrate(
     kernels: Kernels,
+    roads: RoadMap,
     c: Rules,
     k: IntArray,
     d: Array,
@@ -243,10 +245,11 @@ def _integrate(
     fade, follow = math.exp(-dt / c.turn_memory_s), -math.expm1(-dt / c.handover_s)
     p = (pose[P], pose[P + 1], pose[P + 2])
     q = (pose[Q], pose[Q + 1], pose[Q + 2], pose[Q + 3])
-    support = 0.0
+    support, offset = 0.0, road_offset(pose, k, roads)
     for i in range(max(1, len(out))):
         for _ in range(substeps):
             p_at, q_at = p, q
+            steer(p[0], p[1], prior, offset, roads)
             for half in range(2):
                 if grid:
                     field_on_grid(kernels, dense, index, box, p_at[0], p_at[1], work, field)
@@ -267,14 +270,16 @@ def _integrate(
 
 
 @inner_owner
-def _advance(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, t: float) -> None:
+def _advance(
+    kernels: Kernels, roads: RoadMap, c: Rules, pose: Array, k: IntArray, d: Array, t: float
+) -> None:
     """Motion without feedback up to ``t``, and the weights on their stack alone."""
     duration, j = t - pose[T], k[MODEL]
     if duration <= 0.0:
         return
     refresh_prior(c, pose, k, d)
     steps = math.ceil(duration / MAX_STEP_S)
-    _integrate(kernels, c, k, d, pose, duration, steps, np.empty((0, 8)))
+    _integrate(kernels, roads, c, k, d, pose, duration, steps, np.empty((0, 8)))
     pose[T] = t
     nothing = np.empty(0)
     for _ in range(_due_steps(c, pose, model_of(c, k, d, j), t)):
@@ -307,7 +312,7 @@ def rollout(setup: EstimatorSetup, state: EstimatorState, row: int, dt_s: float,
     refresh_prior(c, pose, k, d)
     start, rate = _radius(c, pose, k, d), _growth(c, pose, k, d)
     substeps = max(1, math.ceil(dt_s / (4.0 * MAX_STEP_S)))
-    _integrate(setup.kernels, c, k, d, pose.copy(), dt_s, substeps, out)
+    _integrate(setup.kernels, setup.roads, c, k, d, pose.copy(), dt_s, substeps, out)
     for i in range(len(out)):
         out[i, 7] = start + rate * (dt_s * (i + 1))
 
@@ -322,9 +327,8 @@ def predict(setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float) 
     if k[REGION] < 0 or t_s <= pose[T]:
         return
     if k[SEEN] and t_s - pose[LAST_SEEN] > LOST_PERIODS * c.dt_s:
-        k[SEEN] = 0
-        interrupt(c, pose, k, d, pose[LAST_SEEN])
-    _advance(setup.kernels, c, pose, k, d, t_s)
+        lose(c, pose, k, d, setup.roads)
+    _advance(setup.kernels, setup.roads, c, pose, k, d, t_s)
 
 
 @owner
@@ -345,9 +349,8 @@ def correct(
     known = not first and t - pose[LAST_SEEN] <= LOST_PERIODS * c.dt_s and j == k[MODEL]
     if not (first or known):
         if k[SEEN] and t - pose[LAST_SEEN] > LOST_PERIODS * c.dt_s:
-            k[SEEN] = 0
-            interrupt(c, pose, k, d, pose[LAST_SEEN])
-        _advance(kernels, c, pose, k, d, t)
+            lose(c, pose, k, d, setup.roads)
+        _advance(kernels, setup.roads, c, pose, k, d, t)
         _resight(c, pose, k, d, t, at)
     if not first:
         _align(measured, pose[Q:])

@@ -6,7 +6,7 @@ because every array that a compiled function takes is paid for at each call and 
 
 | array | shape | what |
 | --- | --- | --- |
-| ``pose`` | (rows, POSE_COLUMNS) | instants, pose, prior, twist, exit and gap: columns T ... GAP_ENTRY |
+| ``pose`` | (rows, POSE_COLUMNS) | instants, pose, prior, twist, exit and gap: columns T ... OFFSET |
 | ``flags`` | (rows, ..) int64 | columns REGION ..., then of each model: counts, order, place |
 | ``data`` | (rows, ..) | ``history``, ``samples``, ``sigma``, then the blocks of each model |
 
@@ -35,6 +35,7 @@ Memory that is not reached stays untouched, so most of what the arrays ask for i
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +47,9 @@ from camnet.estimation.basis import RbfBasis
 from camnet.estimation.concurrent_learning import LAYER_SHARE, SWITCHING
 from camnet.estimation.propagate import COLUMNS, PRIORS
 from camnet.estimation.radius import REMEMBERED_GAPS
+from camnet.estimation.road_prior import RoadMap, map_of
 from camnet.estimation.settings import EstimatorSettings
+from camnet.geometry.settings import Road
 from camnet.types import Array, IntArray
 
 __all__ = [
@@ -76,7 +79,9 @@ T, LAST_SEEN, OWED = 0, 1, 2
 P, Q, PRIOR, TWIST = 3, 6, 10, 16
 #: how the target left (t, p, q, v, w: 14 columns), the same of the gap that waits to be learned, and when that ended
 EXIT, GAP, GAP_ENTRY = 22, 36, 50
-POSE_COLUMNS = 51
+#: how far left of its way on the road it was when it left, m
+OFFSET = 51
+POSE_COLUMNS = 52
 # --- columns of ``flags`` --------------------------------------------------------------------------------------------
 #: region last seen in (-1: never seen), whether seen now, model in force
 REGION, SEEN, MODEL = 0, 1, 2
@@ -168,10 +173,11 @@ class Rules(NamedTuple):
 
 
 class EstimatorSetup(NamedTuple):
-    """What all rows share. The kernels' arrays are apart: numbers alone are cheap to pass on."""
+    """What all rows share. The arrays of kernels and roads are apart: numbers alone are cheap to pass on."""
 
     kernels: Kernels
     rules: Rules
+    roads: RoadMap
 
 
 class EstimatorState(NamedTuple):
@@ -190,7 +196,6 @@ def _refuse(settings: EstimatorSettings) -> None:
         ("alpha", settings.alpha, (1.0,)),
         ("stack.rule", settings.stack.rule, _RULES),
         ("gap.pace", settings.gap.pace, (False,)),
-        ("gap.prior", settings.gap.prior, tuple(PRIORS)),
     )
     for name, value, known in wanted:
         if value not in known:
@@ -199,7 +204,12 @@ def _refuse(settings: EstimatorSettings) -> None:
 
 
 def build_setup(
-    settings: EstimatorSettings, basis: RbfBasis, n_regions: int, rate_hz: float, tracking_bounds: Array
+    settings: EstimatorSettings,
+    basis: RbfBasis,
+    n_regions: int,
+    rate_hz: float,
+    tracking_bounds: Array,
+    roads: Sequence[Road] = (),
 ) -> EstimatorSetup:
     """Pack what all rows share; parameters as for `LearningEstimator`.
 
@@ -251,7 +261,7 @@ def build_setup(
         low=(float(bounds[0, 0]), float(bounds[0, 1]), float(bounds[0, 2])),
         high=(float(bounds[1, 0]), float(bounds[1, 1]), float(bounds[1, 2])),
     )
-    return EstimatorSetup(pack_kernels(basis), rules)
+    return EstimatorSetup(pack_kernels(basis), rules, map_of(gap.prior, roads))
 
 
 def _whole(n: int) -> int:

@@ -24,12 +24,16 @@ from camnet.batch.estimator_layout import (
     GATE,
     HAS_EXIT,
     HELD,
+    LAST_SEEN,
     MODEL,
+    OFFSET,
     OUTLIERS,
     PRIOR,
     RUN_BEGAN,
+    SEEN,
     SUSPECT_RUN,
     TURNS,
+    P,
     Rules,
     counts_of,
     model_of,
@@ -46,9 +50,20 @@ from camnet.estimation.learner import (
     SUSPECT_COUNTS,
 )
 from camnet.estimation.propagate import COLUMNS, UNIT
+from camnet.estimation.road_prior import RoadMap, offset_of
 from camnet.types import Array, IntArray
 
-__all__ = ["fit_held", "fit_motion", "interrupt", "misfit", "next_window", "note_pose", "refresh_prior"]
+__all__ = [
+    "fit_held",
+    "fit_motion",
+    "interrupt",
+    "lose",
+    "misfit",
+    "next_window",
+    "note_pose",
+    "refresh_prior",
+    "road_offset",
+]
 
 
 @inner_owner
@@ -108,6 +123,22 @@ def refresh_prior(c: Rules, pose: Array, k: IntArray, d: Array) -> None:
     if fit_held(c, k, d, d[8 * (k[HELD] - 1)], out):
         for i in range(6):
             pose[PRIOR + i] = out[7 + i]
+
+
+@inner_owner
+def road_offset(pose: Array, k: IntArray, roads: RoadMap) -> float:
+    """How far left of its way on the road the target is, or was when last seen."""
+    if not k[SEEN]:
+        return float(pose[OFFSET])
+    return float(offset_of(pose[P], pose[P + 1], pose[PRIOR], pose[PRIOR + 1], roads))
+
+
+@inner_owner
+def lose(c: Rules, pose: Array, k: IntArray, d: Array, roads: RoadMap) -> None:
+    """Note that the target has become unseen, and how it left."""
+    interrupt(c, pose, k, d, pose[LAST_SEEN])
+    pose[OFFSET] = road_offset(pose, k, roads)
+    k[SEEN] = 0
 
 
 @inner_owner

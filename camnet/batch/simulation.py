@@ -67,7 +67,7 @@ class _Learning:
     def __init__(self, network: Network, model: Model, environments: int, duration_s: float) -> None:
         s, self._targets = network.scenario, network.n_targets
         setup = build_setup(
-            s.estimator, network.basis, len(network.regions), s.sensing.rate_hz, network.bounds
+            s.estimator, network.basis, len(network.regions), s.sensing.rate_hz, network.bounds, s.roads
         )
         rows = allocate_estimator(setup, s.estimator, environments * self._targets, duration_s)
         self.rows = learning.Learning(setup, rows)

@@ -34,7 +34,7 @@ from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
 from camnet.estimation.pace import scaled
 from camnet.estimation.propagate import COLUMNS, PRIORS, advance, model_twist, roll_out
 from camnet.estimation.protocol import Rollout
-from camnet.estimation.road_prior import RoadMap, offset_of, roll_out_on_roads, steer
+from camnet.estimation.road_prior import map_of, offset_of
 from camnet.estimation.settings import EstimatorSettings
 from camnet.geometry.rotations_compiled import align_sign
 from camnet.geometry.settings import Road
@@ -69,7 +69,7 @@ class LearningEstimator:
     tracking_bounds : (2, 3) lowest and highest position of the tracking space, m; predictions are projected onto it
     name : shown in results
     memories : of all regions, shared with other targets' estimators; None: private ones
-    roads : for ``gap.prior: road``, which is ``constant_turn`` without them
+    roads : for ``gap.prior: road``, which is ``constant_turn`` without any
     """
 
     def __init__(
@@ -101,9 +101,8 @@ class LearningEstimator:
         self._dt = 1.0 / rate_hz
         self._low, self._high = bounds[0].copy(), bounds[1].copy()
         self._stacked = settings.form == "stacked"
-        on_roads = settings.gap.prior == "road"
-        self._roads = RoadMap.of(roads) if on_roads and roads else None
-        self._prior_code = PRIORS["constant_turn" if on_roads else settings.gap.prior]
+        self._roads = map_of(settings.gap.prior, roads)
+        self._prior_code = PRIORS[settings.gap.prior]
         self._relative = settings.frame == "relative"
         self._switch = SWITCHING[settings.switching]
         self._n_regions = n_regions
@@ -173,32 +172,7 @@ class LearningEstimator:
                 np.tile(self._q, (count, 1)),
                 np.full(count, np.inf),
             )
-        gap, road = self._settings.gap, self._roads
-        if road is not None:
-            p, q = roll_out_on_roads(
-                self._p,
-                self._q,
-                self._prior,
-                dt_s,
-                count,
-                max(1, math.ceil(dt_s / (4.0 * MAX_STEP_S))),
-                gap.turn_memory_s,
-                gap.handover_s,
-                self._stacked,
-                self._paced_weights(),
-                self._basis.centres,
-                self._basis.precision,
-                self._basis.heading_scale_m,
-                self._low,
-                self._high,
-                self._road_offset(road) if self._seen else self._offset,
-                road.points,
-                road.arc,
-                road.first,
-                road.closed,
-                road.width,
-            )
-            return Rollout(self._t + tau, p, q, self._radius() + self._growth() * tau)
+        gap = self._settings.gap
         p, q = roll_out(
             self._p,
             self._q,
@@ -216,6 +190,8 @@ class LearningEstimator:
             self._basis.heading_scale_m,
             self._low,
             self._high,
+            self._road_offset(),
+            self._roads,
         )
         return Rollout(self._t + tau, p, q, self._radius() + self._growth() * tau)
 
@@ -285,14 +261,16 @@ class LearningEstimator:
 
     def _lose(self) -> None:
         """Note that the target has become unseen, and how it left."""
-        self._seen = False
         self._exit = self._learner.interrupt(self._last_seen)
-        if self._roads is not None:
-            self._offset = self._road_offset(self._roads)
+        self._offset = self._road_offset()
+        self._seen = False
 
-    def _road_offset(self, road: RoadMap) -> float:
-        """How far left of its way on the road the target is."""
-        return offset_of(self._p, self._prior, road.points, road.arc, road.first, road.closed, road.width)
+    def _road_offset(self) -> float:
+        """How far left of its way on the road the target is, or was when last seen."""
+        if not self._seen:
+            return self._offset
+        p, v = self._p, self._prior
+        return float(offset_of(p[0], p[1], v[0], v[1], self._roads))
 
     def _resight(self, t: float, p: Array, q: Array, memory: RegionMemory) -> None:
         """Take the target up again, after a gap or handed over without one."""
@@ -316,36 +294,13 @@ class LearningEstimator:
         duration = t - self._t
         if duration <= 0.0:
             return
-        steps = math.ceil(duration / MAX_STEP_S)
-        if self._roads is None:
-            self._move(duration, steps)
-        else:  # the road turns under the target: steered anew before every step
-            road = self._roads
-            for _ in range(steps):
-                steer(
-                    self._p,
-                    self._prior,
-                    self._offset,
-                    road.points,
-                    road.arc,
-                    road.first,
-                    road.closed,
-                    road.width,
-                )
-                self._move(duration / steps, 1)
-        self._t = t
-        for _ in range(self._memory.due_steps(t, self._dt)):
-            self._memory.model.step()
-
-    def _move(self, duration: float, steps: int) -> None:
-        """Integrate the pose over ``duration`` in ``steps`` steps."""
         gap = self._settings.gap
         self._p, self._q, _ = advance(
             self._p,
             self._q,
             self._prior,
             duration,
-            steps,
+            math.ceil(duration / MAX_STEP_S),
             self._prior_code,
             gap.turn_memory_s,
             gap.handover_s,
@@ -357,7 +312,12 @@ class LearningEstimator:
             self._low,
             self._high,
             self._twist,
+            self._road_offset(),
+            self._roads,
         )
+        self._t = t
+        for _ in range(self._memory.due_steps(t, self._dt)):
+            self._memory.model.step()
 
     def _correct_seen(self, t: float, p: Array, q: Array, camera: tuple[int, CameraMotion]) -> None:
         """In view, (3-8), (3-10), (4-16), (4-18): the model's rates at the measured pose, then the feedback."""

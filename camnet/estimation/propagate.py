@@ -28,6 +28,7 @@ from numba import njit
 
 from camnet.estimation.basis import CUTOFF, map_inputs
 from camnet.estimation.projection import axis_factor
+from camnet.estimation.road_prior import RoadMap, steer
 from camnet.geometry.rotations_compiled import exp, multiply, normalise, rotate, rotate_inverse
 from camnet.types import Array
 
@@ -40,8 +41,8 @@ UNIT = 7
 TWIST_OUTPUTS = 6
 #: how far beyond the tracking bounds a predicted position can go, m
 POSE_LAYER_M = 0.5
-#: codes of the priors, chosen once at construction
-PRIORS = {"none": 0, "constant_velocity": 1, "constant_turn": 2}
+#: codes of the priors, chosen once at construction; along roads it is a constant turn whose turn the roads set
+PRIORS = {"none": 0, "constant_velocity": 1, "constant_turn": 2, "road": 2}
 
 
 @njit(cache=True)
@@ -154,14 +155,18 @@ def advance(
     low: Array,
     high: Array,
     twist: Array,
+    offset: float,
+    roads: RoadMap,
 ) -> tuple[Array, Array, float]:
     """Pose after ``duration`` seconds in ``steps`` midpoint steps; ``prior`` and ``twist`` (6,) change in place.
 
-    Returns the pose and the support at the last midpoint.
+    On ``roads`` the prior is steered before every step, to go on at ``offset`` from their middle. Returns the pose and
+    the support at the last midpoint.
     """
     dt = duration / steps
     support = 0.0
     for _ in range(steps):
+        steer(p[0], p[1], prior, offset, roads)
         model_twist(p, q, prior, code > 0, stacked, weights, centres, precision, heading_scale, twist)
         p_mid, q_mid = _move(p, q, twist, 0.5 * dt, low, high)
         support = model_twist(
@@ -190,6 +195,8 @@ def roll_out(
     heading_scale: float,
     low: Array,
     high: Array,
+    offset: float,
+    roads: RoadMap,
 ) -> tuple[Array, Array]:
     """Poses (K, 3), (K, 4) at ``dt``, 2 ``dt``, ...; nothing passed in is changed."""
     ps = np.empty((count, 3))
@@ -214,6 +221,8 @@ def roll_out(
             low,
             high,
             twist,
+            offset,
+            roads,
         )
         for i in range(3):
             ps[k, i] = p[i]

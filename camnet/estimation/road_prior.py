@@ -13,43 +13,56 @@ The prior thus keeps its speed in the arc length and its place in the lateral of
 What a prior by constant turn knows of one bend, this knows of every bend of the map. Beyond the end of a road the goal
 lies straight ahead, so that at a junction the road that lies most nearly ahead is taken; which way a target turns there
 is not known. Off the roads (beyond their width) nothing is steered and the turn fades as it does without them.
+
+A place beyond the width of the widest road is on none, so that each cell of a grid over the roads lists the few
+segments that can matter there.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from camnet.errors import ConfigError
-from camnet.estimation.propagate import advance
 from camnet.geometry.roads import Polyline
 from camnet.geometry.settings import Road
 from camnet.types import Array, IntArray
 
-__all__ = ["RoadMap", "offset_of", "roll_out_on_roads", "steer"]
+__all__ = ["NO_ROADS", "RoadMap", "map_of", "offset_of", "steer", "turning_rate"]
+
+#: cells of the grid over the roads, at most
+_MOST_CELLS = 250_000
+#: borrows what it is given: nothing is made here, so that no references need to be counted
+_borrowing = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RoadMap:
-    """Roads as arrays: R polylines of V vertices in all.
+class RoadMap(NamedTuple):
+    """R roads of S segments in all, and a grid of ``nx`` x ``ny`` cells over them.
 
     Attributes
     ----------
-    points : (V, 2) vertices, m; the first of a closed road is repeated at its end
-    arc : (V,) arc length at the vertices of each road, m
-    first : (R + 1,) index of each road's first vertex, and V
-    closed, width : (R,) whether a road is closed (1 or 0), and its width, m
+    segments : (S, 7) start x, y; unit direction x, y; length; arc length of the start, m; road
+    roads : (R, 4) first segment, one after the last, whether closed (1 or 0), width in m
+    cells : (nx ny + 1 + ..,) where in this array the list of each cell's segments begins; then those lists
+    corner : x, y of the grid, m
+    per_m : cells per metre
+    nx, ny : number of cells; 0 without roads
+    widest : width of the widest road, m
     """
 
-    points: Array
-    arc: Array
-    first: IntArray
-    closed: IntArray
-    width: Array
+    segments: Array
+    roads: Array
+    cells: IntArray
+    corner: tuple[float, float]
+    per_m: float
+    nx: int
+    ny: int
+    widest: float
 
     @classmethod
     def of(cls, roads: Sequence[Road]) -> RoadMap:
@@ -61,151 +74,145 @@ class RoadMap:
             If there are none.
         """
         if not roads:
-            raise ConfigError("estimator.gap.prior 'road': the world has no roads; use 'constant_turn'")
+            raise ConfigError("a map of roads: the world has no roads")
         lines = [Polyline.from_settings(road) for road in roads]
-        return cls(
-            np.concatenate([line.points for line in lines]),
-            np.concatenate([line.arc for line in lines]),
-            np.cumsum([0, *(len(line.points) for line in lines)]).astype(np.int64),
-            np.array([int(road.closed) for road in roads]),
-            np.array([road.width_m for road in roads]),
+        steps = [np.diff(line.points, axis=0) for line in lines]
+        lengths = [np.hypot(*step.T) for step in steps]
+        segments = np.concatenate(
+            [
+                np.column_stack(
+                    (line.points[:-1], step / length[:, None], length, line.arc[:-1], np.full(len(step), r))
+                )
+                for r, (line, step, length) in enumerate(zip(lines, steps, lengths, strict=True))
+            ]
         )
+        ends = np.cumsum([0, *(len(step) for step in steps)])
+        widths = np.array([road.width_m for road in roads])
+        about = np.column_stack((ends[:-1], ends[1:], [road.closed for road in roads], widths)).astype(float)
+        return cls(segments, about, *_grid(segments, float(widths.max())))
 
 
-@njit(cache=True)
-def _nearest(x: float, y: float, points: Array, arc: Array, first: IntArray) -> tuple[int, int, float, float]:
-    """Road, segment, arc length and lateral offset of the place nearest to (x, y)."""
-    best, road, segment, s, lateral = math.inf, 0, 0, 0.0, 0.0
-    for r in range(len(first) - 1):
-        for i in range(first[r], first[r + 1] - 1):
-            ex, ey = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-            length = arc[i + 1] - arc[i]
-            dx, dy = x - points[i, 0], y - points[i, 1]
-            t = min(1.0, max(0.0, (dx * ex + dy * ey) / (length * length)))
-            rx, ry = dx - t * ex, dy - t * ey
-            d2 = rx * rx + ry * ry
-            if d2 < best:
-                best, road, segment, s = d2, r, i, arc[i] + t * length
-                lateral = math.copysign(math.sqrt(d2), ex * dy - ey * dx)
-    return road, segment, s, lateral
+def _grid(segments: Array, widest: float) -> tuple[IntArray, tuple[float, float], float, int, int, float]:
+    """Cells, corner, cells per metre, numbers of cells and ``widest``."""
+    ends = segments[:, 0:2] + segments[:, 4:5] * segments[:, 2:4]
+    low = np.minimum(segments[:, 0:2], ends).min(axis=0) - widest
+    high = np.maximum(segments[:, 0:2], ends).max(axis=0) + widest
+    cell = max(widest, math.sqrt(float(np.prod(high - low)) / _MOST_CELLS))
+    nx, ny = (np.floor((high - low) / cell).astype(int) + 1).tolist()
+    lists: list[list[int]] = [[] for _ in range(nx * ny)]
+    for i, segment in enumerate(segments):
+        both = np.stack((segment[0:2], ends[i]))
+        a = np.maximum(np.floor((both.min(axis=0) - widest - low) / cell).astype(int), 0)
+        b = np.minimum(np.floor((both.max(axis=0) + widest - low) / cell).astype(int), (nx - 1, ny - 1))
+        columns, rows = np.meshgrid(np.arange(a[0], b[0] + 1), np.arange(a[1], b[1] + 1), indexing="ij")
+        d = np.stack((columns, rows), axis=-1) * cell + low + 0.5 * cell - segment[0:2]
+        t = np.clip(d @ segment[2:4], 0.0, segment[4])
+        near = np.hypot(*np.moveaxis(d - t[..., None] * segment[2:4], -1, 0)) <= widest + 0.708 * cell
+        for place in (columns[near] * ny + rows[near]).tolist():
+            lists[place].append(i)
+    first = np.cumsum([nx * ny + 1, *(len(one) for one in lists)])
+    cells = np.concatenate((first, [i for one in lists for i in one])).astype(np.int64)
+    return cells, (float(low[0]), float(low[1])), 1.0 / cell, nx, ny, widest
 
 
-@njit(cache=True)
-def _goal(
-    road: int, s: float, lateral: float, points: Array, arc: Array, first: IntArray, closed: bool
-) -> tuple[float, float]:
-    """Point at arc length ``s`` of a road, moved aside by ``lateral``; straight on beyond the ends of an open one."""
-    a, b = first[road], first[road + 1] - 1
-    if closed:
-        s -= arc[b] * math.floor(s / arc[b])
-    i = a
-    while i < b - 1 and arc[i + 1] < s:
+#: a map on which every place is off the roads
+NO_ROADS = RoadMap(
+    np.zeros((0, 7)), np.zeros((0, 4)), np.zeros(0, dtype=np.int64), (0.0, 0.0), 1.0, 0, 0, 0.0
+)
+
+
+@lru_cache(maxsize=8)
+def _cached(roads: tuple[Road, ...]) -> RoadMap:
+    return RoadMap.of(roads)
+
+
+def map_of(prior: str, roads: Sequence[Road]) -> RoadMap:
+    """Return the map that ``prior`` of `GapSettings` goes by: that of the roads for ``road``, else an empty one."""
+    return _cached(tuple(roads)) if prior == "road" and roads else NO_ROADS
+
+
+@_borrowing
+def _nearest(x: float, y: float, m: RoadMap) -> tuple[int, float, float]:
+    """Segment nearest to (x, y), arc length and lateral offset there; -1 beyond the width of the widest road."""
+    i, j = math.floor((x - m.corner[0]) * m.per_m), math.floor((y - m.corner[1]) * m.per_m)
+    segment, s, lateral = -1, 0.0, 0.0
+    if not (0 <= i < m.nx and 0 <= j < m.ny):
+        return segment, s, lateral
+    best, cell = m.widest * m.widest, i * m.ny + j
+    for k in range(m.cells[cell], m.cells[cell + 1]):
+        one = m.cells[k]
+        dx, dy = x - m.segments[one, 0], y - m.segments[one, 1]
+        ux, uy = m.segments[one, 2], m.segments[one, 3]
+        t = min(m.segments[one, 4], max(0.0, dx * ux + dy * uy))
+        rx, ry = dx - t * ux, dy - t * uy
+        d2 = rx * rx + ry * ry
+        if d2 < best:
+            best, segment, s = d2, one, m.segments[one, 5] + t
+            lateral = math.copysign(math.sqrt(d2), ux * dy - uy * dx)
+    return segment, s, lateral
+
+
+@_borrowing
+def _goal(segment: int, s: float, lateral: float, m: RoadMap) -> tuple[float, float]:
+    """Point at arc length ``s`` of the road of ``segment``, moved aside; straight on beyond the ends of an open one."""
+    road = int(m.segments[segment, 6])
+    first, last = int(m.roads[road, 0]), int(m.roads[road, 1]) - 1
+    length = m.segments[last, 5] + m.segments[last, 4]
+    i = segment
+    if m.roads[road, 2] > 0.0 and not 0.0 <= s < length:
+        i = first if s > 0.0 else last
+        s -= length * math.floor(s / length)
+    while i < last and m.segments[i + 1, 5] < s:
         i += 1
-    length = arc[i + 1] - arc[i]
-    ux, uy = (points[i + 1, 0] - points[i, 0]) / length, (points[i + 1, 1] - points[i, 1]) / length
-    t = s - arc[i]
-    return points[i, 0] + t * ux - lateral * uy, points[i, 1] + t * uy + lateral * ux
+    while i > first and m.segments[i, 5] >= s:
+        i -= 1
+    ux, uy, t = m.segments[i, 2], m.segments[i, 3], s - m.segments[i, 5]
+    return m.segments[i, 0] + t * ux - lateral * uy, m.segments[i, 1] + t * uy + lateral * ux
 
 
-@njit(cache=True)
-def _way(segment: int, prior: Array, points: Array) -> float:
-    """1 where the prior velocity goes along the road's arc length, else -1."""
-    ex = points[segment + 1, 0] - points[segment, 0]
-    ey = points[segment + 1, 1] - points[segment, 1]
-    return 1.0 if ex * prior[0] + ey * prior[1] >= 0.0 else -1.0
+@_borrowing
+def _way(segment: int, vx: float, vy: float, m: RoadMap) -> float:
+    """1 where the velocity goes along the road's arc length, else -1."""
+    return 1.0 if m.segments[segment, 2] * vx + m.segments[segment, 3] * vy >= 0.0 else -1.0
 
 
-@njit(cache=True)
-def offset_of(
-    p: Array, prior: Array, points: Array, arc: Array, first: IntArray, closed: IntArray, width: Array
-) -> float:
-    """How far left of its way on the nearest road p (3,) lies, m; at most half the road's width either way."""
-    road, segment, _, lateral = _nearest(p[0], p[1], points, arc, first)
-    half = 0.5 * width[road]
-    offset: float = _way(segment, prior, points) * min(half, max(-half, lateral))
+@_borrowing
+def offset_of(x: float, y: float, vx: float, vy: float, m: RoadMap) -> float:
+    """How far left of its way on the nearest road (x, y) lies, m; at most half the road's width, 0 off the roads."""
+    segment, _, lateral = _nearest(x, y, m)
+    if segment < 0:
+        return 0.0
+    width = m.roads[int(m.segments[segment, 6]), 3]
+    if abs(lateral) > width:
+        return 0.0
+    half = 0.5 * width
+    offset: float = _way(segment, vx, vy, m) * min(half, max(-half, lateral))
     return offset
 
 
-@njit(cache=True)
-def steer(
-    p: Array,
-    prior: Array,
-    offset: float,
-    points: Array,
-    arc: Array,
-    first: IntArray,
-    closed: IntArray,
-    width: Array,
-) -> bool:
-    """Write the turning rate that follows the nearest road to ``prior`` (6,); False where there is no road."""
-    speed = math.hypot(prior[0], prior[1])
-    road, segment, s, lateral = _nearest(p[0], p[1], points, arc, first)
-    ahead = width[road]
-    if abs(lateral) > ahead or speed < 1e-6:
-        return False
-    way = _way(segment, prior, points)
-    gx, gy = _goal(road, s + way * ahead, way * offset, points, arc, first, closed[road] == 1)
-    dx, dy = gx - p[0], gy - p[1]
-    reach = max(math.hypot(dx, dy), 1e-9)
-    sine = (prior[0] * dy - prior[1] * dx) / (speed * reach)
-    if prior[0] * dx + prior[1] * dy < 0.0:  # behind: as sharply as pursuit turns
+@_borrowing
+def turning_rate(x: float, y: float, vx: float, vy: float, offset: float, m: RoadMap) -> tuple[bool, float]:
+    """Whether (x, y) is on a road, and the rate, rad/s, at which the velocity has to turn to follow it."""
+    speed = math.sqrt(vx * vx + vy * vy)
+    segment, s, lateral = _nearest(x, y, m)
+    if segment < 0 or speed < 1e-6:
+        return False, 0.0
+    ahead = m.roads[int(m.segments[segment, 6]), 3]
+    if abs(lateral) > ahead:
+        return False, 0.0
+    way = _way(segment, vx, vy, m)
+    gx, gy = _goal(segment, s + way * ahead, way * offset, m)
+    dx, dy = gx - x, gy - y
+    reach = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+    sine = (vx * dy - vy * dx) / (speed * reach)
+    if vx * dx + vy * dy < 0.0:  # behind: as sharply as pursuit turns
         sine = math.copysign(1.0, sine)
-    prior[3] = 0.0
-    prior[4] = 0.0
-    prior[5] = 2.0 * speed * sine / reach
-    return True
+    return True, 2.0 * speed * sine / reach
 
 
-@njit(cache=True)
-def roll_out_on_roads(
-    p: Array,
-    q: Array,
-    prior: Array,
-    dt: float,
-    count: int,
-    substeps: int,
-    turn_memory: float,
-    handover: float,
-    stacked: bool,
-    weights: Array,
-    centres: Array,
-    precision: Array,
-    heading_scale: float,
-    low: Array,
-    high: Array,
-    offset: float,
-    points: Array,
-    arc: Array,
-    first: IntArray,
-    closed: IntArray,
-    width: Array,
-) -> tuple[Array, Array]:
-    """`camnet.estimation.propagate.roll_out` with the prior steered along the roads before every sub-step."""
-    ps, qs = np.empty((count, 3)), np.empty((count, 4))
-    carried, twist = prior.copy(), np.zeros(6)
-    for k in range(count):
-        for _ in range(substeps):
-            steer(p, carried, offset, points, arc, first, closed, width)
-            p, q, _ = advance(
-                p,
-                q,
-                carried,
-                dt / substeps,
-                1,
-                2,
-                turn_memory,
-                handover,
-                stacked,
-                weights,
-                centres,
-                precision,
-                heading_scale,
-                low,
-                high,
-                twist,
-            )
-        for i in range(3):
-            ps[k, i] = p[i]
-        for i in range(4):
-            qs[k, i] = q[i]
-    return ps, qs
+@_borrowing
+def steer(x: float, y: float, prior: Array, offset: float, m: RoadMap) -> None:
+    """Write the turning rate that follows the nearest road to the ``prior`` mean (6,); nothing where there is none."""
+    on_road, rate = turning_rate(x, y, prior[0], prior[1], offset, m)
+    if on_road:
+        prior[3], prior[4], prior[5] = 0.0, 0.0, rate

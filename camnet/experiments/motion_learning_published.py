@@ -35,6 +35,7 @@ from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
 from camnet.estimation.placement import grid_centres
 from camnet.estimation.propagate import COLUMNS, PRIORS, UNIT, advance, model_twist, roll_out
 from camnet.estimation.protocol import Rollout
+from camnet.estimation.road_prior import NO_ROADS
 from camnet.estimation.settings import EstimatorSettings, GapSettings, StackSettings
 from camnet.geometry.rotations_compiled import align_sign, normalise
 from camnet.types import Array, PoseMeasurement, TargetEstimate
@@ -195,6 +196,7 @@ class PublishedEstimator:
         self._p, self._q, _ = advance(
             self._p, self._q, self._prior, duration, math.ceil(duration / _MAX_STEP_S), PRIORS["none"], 1.0, 1.0,
             True, self.model.weights, b.centres, b.precision, b.heading_scale_m, self._low, self._high, self._twist,
+            0.0, NO_ROADS,
         )  # fmt: skip
         if self._fixed_sign:
             self._q = _half(self._q)
@@ -208,6 +210,7 @@ class PublishedEstimator:
         p, q = roll_out(
             self._p, self._q, self._prior, dt_s, count, math.ceil(dt_s / _MAX_STEP_S), PRIORS["none"], 1.0, 1.0,
             True, self.model.weights, b.centres, b.precision, b.heading_scale_m, self._low, self._high,
+            0.0, NO_ROADS,
         )  # fmt: skip
         return Rollout(self._t + dt_s * np.arange(1.0, count + 1.0), p, q, np.full(count, np.inf))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.persistence import extract, install, load_models, save_models
 from camnet.estimation.settings import EstimatorSettings, GapSettings, StackSettings
 from camnet.geometry import rotations
+from camnet.geometry.settings import Road
 from camnet.types import CameraMotion, PoseMeasurement
 
 RATE_HZ = 30.0
@@ -101,14 +103,14 @@ def compare(twin: LearningEstimator, setup: EstimatorSetup, state: EstimatorStat
 
 
 def run(
-    lap: Lap, settings: EstimatorSettings, basis: RbfBasis, until: int | None = None
+    lap: Lap, settings: EstimatorSettings, basis: RbfBasis, roads: Sequence[Road] = ()
 ) -> tuple[LearningEstimator, EstimatorSetup, EstimatorState]:
     """Drive both over the lap and compare them on the way."""
-    twin = LearningEstimator(settings, basis, 3, RATE_HZ, BOUNDS)
-    setup = build_setup(settings, basis, 3, RATE_HZ, BOUNDS)
+    twin = LearningEstimator(settings, basis, 3, RATE_HZ, BOUNDS, roads=roads)
+    setup = build_setup(settings, basis, 3, RATE_HZ, BOUNDS, roads)
     state = allocate(setup, settings, 2)
     out = np.empty((40, 8))
-    for i in range(len(lap.t) if until is None else until):
+    for i in range(len(lap.t)):
         feed(lap, i, twin, setup, state, 1)
         compare(twin, setup, state, 1)
         if i % 50 == 7:
@@ -147,6 +149,23 @@ def test_rows_follow_the_class(settings: EstimatorSettings, basis: RbfBasis) -> 
             np.testing.assert_allclose(a, b, rtol=0.0, atol=TOLERANCE)
     # the row beside it saw nothing
     assert estimate(setup, state, 0, np.empty(16)) == -1
+
+
+def test_the_prior_along_roads_is_the_same() -> None:
+    """A ring of corners under the lap and a road beside it, other gaps off both; no path is learned across."""
+    corners = tuple((1.5 * math.cos(a), 1.5 * math.sin(a)) for a in np.arange(0.0, 6.2, 0.5).tolist())
+    roads = (
+        Road(name="ring", closed=True, points_m=corners, width_m=0.5),
+        Road(name="beside", points_m=((-2.0, 0.5), (-2.0, 2.0)), width_m=0.2),
+    )
+    gap = GapSettings(prior="road", learn_across=False)
+    lap, kernels = Lap(30.0), grid_basis().centres
+    sparse = RbfBasis.create(kernels[kernels[:, 1] > 0.0], 0.16)
+    twin, _, _ = run(lap, EstimatorSettings(gap=gap), sparse, roads)
+    plain, _, _ = run(lap, EstimatorSettings(gap=gap), sparse)
+    ahead, without = twin.rollout(8.0, 0.2).p_world, plain.rollout(8.0, 0.2).p_world
+    radius = [np.hypot(*path[:20, :2].T) for path in (ahead, without)]
+    assert np.abs(radius[0] - 1.5).max() < 0.3 < np.abs(radius[1] - 1.5).max()
 
 
 def test_a_full_stack_keeps_the_same_windows() -> None:
@@ -195,7 +214,6 @@ def test_saved_models_continue_in_rows(tmp_path: Path) -> None:
         ({"alpha": 0.5}, "alpha"),
         ({"stack": StackSettings(rule="lambda_min")}, "stack.rule"),
         ({"gap": GapSettings(pace=True)}, "gap.pace"),
-        ({"gap": GapSettings(prior="road")}, "gap.prior"),
     ],
 )
 def test_settings_without_a_compiled_form_are_refused(change: dict[str, Any], name: str) -> None:

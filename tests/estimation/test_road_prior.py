@@ -10,7 +10,7 @@ import pytest
 
 from camnet.errors import ConfigError
 from camnet.estimation import EstimatorSettings, LearningEstimator, place_basis
-from camnet.estimation.road_prior import RoadMap, offset_of, steer
+from camnet.estimation.road_prior import NO_ROADS, RoadMap, map_of, offset_of, steer, turning_rate
 from camnet.estimation.settings import BasisSettings, GapSettings
 from camnet.geometry.roads import Polyline
 from camnet.geometry.rotations import from_yaw, yaw_of
@@ -107,17 +107,73 @@ def test_the_arc_goes_through_the_goal() -> None:
         np.array([3.0, 0.2, 0.0]),
         np.array([0.5 * math.cos(0.4), 0.5 * math.sin(0.4), 0, 9.0, 9.0, 9.0]),
     )
-    offset = offset_of(p, prior, roads.points, roads.arc, roads.first, roads.closed, roads.width)
+    offset = offset_of(p[0], p[1], prior[0], prior[1], roads)
     assert offset == pytest.approx(0.2)
-    assert steer(p, prior, offset, roads.points, roads.arc, roads.first, roads.closed, roads.width)
+    steer(p[0], p[1], prior, offset, roads)
+    assert prior[3] == prior[4] == 0.0
     goal = np.array([4.0, 0.2])
     radius = 0.5 / prior[5]
     centre = p[:2] + radius * np.array([-math.sin(0.4), math.cos(0.4)])
     assert np.isclose(np.linalg.norm(goal - centre), abs(radius))
-    far = np.array([3.0, 1.2, 0.0])
-    assert not steer(far, prior, 0.0, roads.points, roads.arc, roads.first, roads.closed, roads.width)
+    assert turning_rate(3.0, 1.2, prior[0], prior[1], 0.0, roads) == (False, 0.0)
+    assert offset_of(3.0, 1.2, prior[0], prior[1], roads) == 0.0
 
 
 def test_a_map_needs_roads() -> None:
     with pytest.raises(ConfigError, match="no roads"):
         RoadMap.of([])
+
+
+def _plain_rate(
+    x: np.ndarray, v: np.ndarray, offset: float, roads: list[Road]
+) -> tuple[bool, float, float] | None:
+    """Whether on a road, steering rate, offset, by `Polyline`: nearest of all, goal by arc length, circle to it.
+
+    None where a corner is nearest, which belongs to two segments.
+    """
+    lines = [Polyline.from_settings(road) for road in roads]
+    found = [line.project(x[None]) for line in lines]
+    r = int(np.argmin([abs(lateral[0]) for _, lateral in found]))
+    (s, lateral), line, width = found[r], lines[r], roads[r].width_m
+    if abs(lateral[0]) > width:
+        return False, 0.0, 0.0
+    if np.abs(line.arc - s).min() < 1e-6:
+        return None
+    way = 1.0 if line.tangent(s)[0] @ v >= 0.0 else -1.0
+    held = way * float(np.clip(lateral[0], -0.5 * width, 0.5 * width))
+    ahead = float(s[0] + way * width)
+    over = 0.0 if roads[r].closed else ahead - min(max(ahead, 0.0), line.length)
+    tangent = line.tangent(np.array([ahead - over]))[0]
+    goal = line.point(np.array([ahead - over]))[0] + over * tangent
+    goal = goal + way * offset * np.array([-tangent[1], tangent[0]]) - x
+    angle = math.atan2(v[0] * goal[1] - v[1] * goal[0], v @ goal)
+    sine = math.sin(angle) if abs(angle) <= 0.5 * math.pi else math.copysign(1.0, angle)
+    return True, 2.0 * float(np.linalg.norm(v)) * sine / float(np.linalg.norm(goal)), held
+
+
+def test_the_grid_of_segments_is_the_search_of_all_roads() -> None:
+    """Random places about roads of several widths, against a steering written on the polylines."""
+    rng = np.random.default_rng(3)
+    roads = [
+        LOOP.model_copy(update={"width_m": 1.3}),
+        *CROSS,
+        Road(name="far", points_m=((12.0, 9.0), (13.0, 9.0)), width_m=0.2),
+        Road(name="bent", points_m=((-6.0, 5.0), (-5.0, 6.0), (-5.0, 8.0), (-7.5, 8.0)), width_m=0.8),
+    ]
+    m, on = RoadMap.of(roads), 0
+    for _ in range(2000):
+        x, v = rng.uniform(-9.0, 14.0, 2), 0.5 * rng.standard_normal(2)
+        offset = rng.uniform(-0.3, 0.3)
+        wanted = _plain_rate(x, v, offset, roads)
+        if wanted is None:
+            continue
+        assert (*turning_rate(*x, *v, offset, m), offset_of(*x, *v, m)) == pytest.approx(wanted, abs=1e-9)
+        on += wanted[0]
+    assert 200 < on < 1800
+
+
+def test_only_the_prior_along_roads_goes_by_the_map() -> None:
+    assert map_of("constant_turn", CROSS) is NO_ROADS
+    assert map_of("road", ()) is NO_ROADS
+    assert map_of("road", CROSS) is map_of("road", list(CROSS))
+    assert turning_rate(0.0, -1.0, 0.0, 0.5, 0.0, NO_ROADS) == (False, 0.0)

@@ -24,6 +24,7 @@ from camnet.estimation.feedback import world_feedback
 from camnet.estimation.measured_step import measured_step
 from camnet.estimation.projection import project_rate, project_step
 from camnet.estimation.propagate import PRIORS, advance, model_twist, roll_out
+from camnet.estimation.road_prior import NO_ROADS
 from camnet.estimation.settings import EstimatorSettings, GapSettings, StackSettings
 from camnet.estimation.weight_step import weight_step
 from camnet.geometry import rotations
@@ -304,13 +305,13 @@ def _predict(form: str, code: int, duration: float, steps: int) -> tuple[np.ndar
     p, q = np.array([0.1, -0.2, 0.3]), rotations.exp(np.array([0.2, 0.1, 0.7]))
     out = advance(
         p, q, prior.copy(), duration, steps, code, 4.0, 0.8, form == "stacked", w, basis.centres, basis.precision, 1.0,
-        LOW, HIGH, np.zeros(6),
+        LOW, HIGH, np.zeros(6), 0.0, NO_ROADS,
     )  # fmt: skip
     return out[0], out[1], (basis, w, prior, p, q)
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("prior_kind", list(PRIORS))
+@pytest.mark.parametrize("prior_kind", ["none", "constant_velocity", "constant_turn"])
 def test_predictor_follows_its_differential_equation(form: str, prior_kind: str) -> None:
     """(3-15), (4-16) unseen with prior mean, support and handover, written out plainly."""
     code = PRIORS[prior_kind]
@@ -367,8 +368,8 @@ def test_rollout_is_the_predictor_repeated_and_changes_nothing() -> None:
     _, _, (basis, w, prior, p, q) = _predict("twist", 2, 0.1, 1)  # type: ignore[misc]
     copy = prior.copy()
     ps, qs = roll_out(
-        p, q, prior, 0.1, 20, 2, 2, 4.0, 0.8, False, w, basis.centres, basis.precision, 1.0, LOW, HIGH
-    )
+        p, q, prior, 0.1, 20, 2, 2, 4.0, 0.8, False, w, basis.centres, basis.precision, 1.0, LOW, HIGH, 0.0, NO_ROADS,
+    )  # fmt: skip
     np.testing.assert_array_equal(prior, copy)
     p1, q1, _ = _predict("twist", 2, 2.0, 40)
     np.testing.assert_allclose(ps[-1], p1, atol=1e-12)
@@ -379,7 +380,8 @@ def test_predictions_stay_in_the_tracking_space() -> None:
     basis = RbfBasis.create(np.zeros((1, 2)), 1.0)
     ps, _ = roll_out(
         np.zeros(3), np.array([1.0, 0, 0, 0]), np.array([1.0, -2.0, 0, 0, 0, 0]), 0.1, 400, 1, 1, 1.0, 1.0, False,
-        np.zeros((1, 8)), basis.centres, basis.precision, 1.0, np.full(3, -3.0), np.full(3, 2.0),
+        np.zeros((1, 8)), basis.centres, basis.precision, 1.0, np.full(3, -3.0), np.full(3, 2.0), 0.0,
+        NO_ROADS,
     )  # fmt: skip
     assert ps.max() <= 2.5 + 1e-9
     assert ps.min() >= -3.5 - 1e-9
