@@ -9,7 +9,7 @@ model answers for its motion the prior is renewed when it is next needed rather 
 
 | array | row of one (environment, target) |
 | --- | --- |
-| ``pose`` (E, M, 14) | t, p (3), q (4), prior mean (v, w: 6) |
+| ``pose`` (E, M, 15) | t, p (3), q (4), prior mean (v, w: 6), how far left of its way on the road it left |
 | ``history`` (E, M, 2 H, 8) | latest H poses of the sighting (t, p, q), a ring kept twice: they lie in one piece |
 | ``fitted`` (E, M, 13) | last fit to them |
 | ``held`` (E, M, 3) | their count, next place, whether a fit is due |
@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
+from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator_learn import fit_motion
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
@@ -33,12 +34,13 @@ from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
 from camnet.batch.sense import sense
 from camnet.batch.state import State
-from camnet.batch.triples import Quaternion, Triple, multiply, turn
+from camnet.batch.triples import Quaternion, Triple, cosine_and_sine, multiply, turn
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.projection import axis_factor
 from camnet.estimation.propagate import POSE_LAYER_M
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
+from camnet.estimation.road_prior import RoadMap, offset_of, turning_rate
 from camnet.types import Array, IntArray
 
 __all__ = ["Frozen", "decide"]
@@ -62,6 +64,7 @@ class Frozen(NamedTuple):
     k1, k2, switching, layer : feedback
     prior, turn_memory_s, handover_s : remedies of the gap
     samples, reset_on_sighting : poses in a fit; whether a new sighting restarts the pose
+    roads : that the prior follows
     """
 
     table: Array
@@ -78,6 +81,7 @@ class Frozen(NamedTuple):
     handover_s: float
     samples: int
     reset_on_sighting: bool
+    roads: RoadMap
     pose: Array
     history: Array
     fitted: Array
@@ -132,25 +136,36 @@ def _moved(f: Frozen, p: Triple, v: Triple, dt: float) -> Triple:
 
 @inner
 def _midpoint(
-    f: Frozen, k: int, p: Triple, pv: Triple, pw: Triple, dt: float, fade: float, share: float
+    f: Frozen, k: int, p: Triple, pv: Triple, pw: Triple, dt: float, fade: float, share: float, offset: float
 ) -> tuple[Triple, Triple, Triple, Triple, Triple]:
     """One midpoint step: position, twist (v, w) on the way, prior (v, w) after it.
 
-    ``fade`` is what is left of the prior's turn after ``dt``, ``share`` how far the prior follows the learned motion.
+    ``fade`` is what is left of the prior's turn after ``dt``, ``share`` how far the prior follows the learned motion,
+    ``offset`` the way along a road.
     """
+    on_road, rate = turning_rate(p[0], p[1], pv[0], pv[1], offset, f.roads)
+    if on_road:
+        pw = (0.0, 0.0, rate)
     v, _, _ = _blended(_learned(f, k, p[0], p[1]), pv, pw, f.prior > 0)
     middle = _moved(f, p, v, 0.5 * dt)
     v, w, support = _blended(_learned(f, k, middle[0], middle[1]), pv, pw, f.prior > 0)
     if f.prior == 2:
-        angle = dt * pw[2]
-        c = 1.0 - 0.5 * angle * angle * (1.0 - angle * angle / 12.0)
-        s = angle * (1.0 - angle * angle / 6.0 * (1.0 - angle * angle / 20.0))
+        c, s = cosine_and_sine(dt * pw[2])
         pv = (c * pv[0] - s * pv[1], s * pv[0] + c * pv[1], pv[2])
         pw = (fade * pw[0], fade * pw[1], fade * pw[2])
     b = support * share
     pv = (pv[0] + b * (v[0] - pv[0]), pv[1] + b * (v[1] - pv[1]), pv[2] + b * (v[2] - pv[2]))
     pw = (pw[0] + b * (w[0] - pw[0]), pw[1] + b * (w[1] - pw[1]), pw[2] + b * (w[2] - pw[2]))
     return _moved(f, p, v, dt), v, w, pv, pw
+
+
+@inner
+def _road_offset(f: Frozen, state: State, e: int, m: int) -> float:
+    """How far left of its way on the road the target is, or was when last seen."""
+    if state.estimate[e, m, 13] > 0.0:
+        p = f.pose[e, m]
+        f.pose[e, m, 14] = offset_of(p[1], p[2], p[8], p[9], f.roads)
+    return float(f.pose[e, m, 14])
 
 
 @inner
@@ -168,9 +183,9 @@ def _advance(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
     q: Quaternion = (pose[e, m, 4], pose[e, m, 5], pose[e, m, 6], pose[e, m, 7])
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
     pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
-    v, w = pv, pw
+    v, w, offset = pv, pw, _road_offset(f, state, e, m)
     for _ in range(steps):
-        p, v, w, pv, pw = _midpoint(f, k, p, pv, pw, dt, fade, share)
+        p, v, w, pv, pw = _midpoint(f, k, p, pv, pw, dt, fade, share, offset)
         q = multiply(q, turn(dt * w[0], dt * w[1], dt * w[2]))
     _keep(f, state, e, m, t_s, p, q, v, w)
     for i in range(3):
@@ -249,11 +264,19 @@ def _set_radius(f: Frozen, state: State, e: int, m: int) -> None:
 
 
 @inner
+def _lose(f: Frozen, state: State, e: int, m: int) -> None:
+    """Note that the target has become unseen, and how it left."""
+    _refresh_prior(f, e, m)
+    _road_offset(f, state, e, m)
+    state.estimate[e, m, 13] = 0.0
+
+
+@inner
 def _resight(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) -> None:
     """Take the target up again, after a gap or handed over without one."""
     s, z = state.estimate, state.measured
     if s[e, m, 13] > 0.0 and t_s - s[e, m, 14] > LOST_PERIODS * model.sense_dt_s:
-        s[e, m, 13] = 0.0
+        _lose(f, state, e, m)
     _refresh_prior(f, e, m)
     without_gap = s[e, m, 13] > 0.0
     _advance(f, state, e, m, t_s)
@@ -337,8 +360,7 @@ def update(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) ->
         if s[e, m, 15] < 0.0:
             return
         if s[e, m, 13] > 0.0 and t_s - s[e, m, 14] > lost_s:
-            s[e, m, 13] = 0.0
-            _refresh_prior(f, e, m)
+            _lose(f, state, e, m)
             f.held[e, m, 0] = 0
         elif s[e, m, 13] > 0.0:
             _refresh_prior(f, e, m)
@@ -367,12 +389,51 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
     p = (pose[e, m, 1], pose[e, m, 2], pose[e, m, 3])
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
     pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
-    growth = _growth(f, state, e, m)
+    growth, offset = _growth(f, state, e, m), _road_offset(f, state, e, m)
     for i in range(path.shape[0]):
         for _ in range(substeps):
-            p, _, _, pv, pw = _midpoint(f, k, p, pv, pw, h, fade, share)
+            p, _, _, pv, pw = _midpoint(f, k, p, pv, pw, h, fade, share, offset)
         path[i, 0], path[i, 1], path[i, 2] = p
         path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
+
+
+@inner
+def _decide_one(
+    model: Model,
+    state: State,
+    f: Frozen,
+    e: int,
+    fresh: bool,
+    actions: Array,
+    noise: Array,
+    path: Array,
+    observations: NDArray[np.float32],
+    outcome: Array,
+) -> None:
+    """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
+    targets = state.target.shape[1]
+    t_s = 0.0
+    if fresh:
+        place_cameras(model, state, e)
+        start_references(state, e)
+    else:
+        begin(model, state, e, actions)
+    for _ in range(1 if fresh else model.decide_every):
+        if not fresh:
+            t_s = fly_once(model, state, e)
+        if sensing_due(model, state, e):
+            sense(model, state, e, noise)
+            for m in range(targets):
+                update(f, model, state, e, m, t_s)
+            after_sense(model, state, e, t_s)
+    if due(model, state, e, t_s):
+        for m in range(targets):
+            if state.estimate[e, m, 15] >= 0.0:
+                roll_out(f, model, state, e, m, path)
+                find_entries(model, state, e, m, path, f.pose[e, m, 0])
+            else:
+                forget_entries(state, e, m)
+    finish(model, state, e, fresh, observations, outcome)
 
 
 @owner
@@ -387,29 +448,8 @@ def decide(
     outcome: Array,
 ) -> None:
     """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
-    targets = state.target.shape[1]
-    noise = np.empty((state.cameras.shape[1], targets, 6))
+    noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path = np.empty((model.steps, 4))
+    lent_model, lent_state, lent = lend(model), lend(state), lend(f)
     for e in chosen:
-        t_s = 0.0
-        if fresh:
-            place_cameras(model, state, e)
-            start_references(state, e)
-        else:
-            begin(model, state, e, actions)
-        for _ in range(1 if fresh else model.decide_every):
-            if not fresh:
-                t_s = fly_once(model, state, e)
-            if sensing_due(model, state, e):
-                sense(model, state, e, noise)
-                for m in range(targets):
-                    update(f, model, state, e, m, t_s)
-                after_sense(model, state, e, t_s)
-        if due(model, state, e, t_s):
-            for m in range(targets):
-                if state.estimate[e, m, 15] >= 0.0:
-                    roll_out(f, model, state, e, m, path)
-                    find_entries(model, state, e, m, path, f.pose[e, m, 0])
-                else:
-                    forget_entries(state, e, m)
-        finish(model, state, e, fresh, observations, outcome)
+        _decide_one(lent_model, lent_state, lent, e, fresh, actions, noise, path, observations, outcome)

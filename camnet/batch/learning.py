@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.compiled import inner, owner
+from camnet.batch.borrow import lend
+from camnet.batch.compiled import inner, inner_owner, owner
 from camnet.batch.estimator import EstimatorSetup, EstimatorState, correct, estimate, predict, rollout
 from camnet.batch.estimator_layout import T
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
@@ -51,6 +52,46 @@ def roll_out(est: Learning, model: Model, state: State, e: int, m: int, wide: Ar
     return float(est.rows.pose[r, T])
 
 
+@inner_owner
+def _decide_one(
+    model: Model,
+    state: State,
+    est: Learning,
+    e: int,
+    fresh: bool,
+    actions: Array,
+    noise: Array,
+    wide: Array,
+    path: Array,
+    observations: NDArray[np.float32],
+    outcome: Array,
+) -> None:
+    """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
+    targets = state.target.shape[1]
+    t_s = 0.0
+    if fresh:
+        place_cameras(model, state, e)
+        start_references(state, e)
+    else:
+        begin(model, state, e, actions)
+    for _ in range(1 if fresh else model.decide_every):
+        if not fresh:
+            t_s = fly_once(model, state, e)
+        if sensing_due(model, state, e):
+            sense(model, state, e, noise)
+            for m in range(targets):
+                update(est, state, e, m, t_s)
+            after_sense(model, state, e, t_s)
+    if due(model, state, e, t_s):
+        for m in range(targets):
+            if state.estimate[e, m, 15] >= 0.0:
+                at = roll_out(est, model, state, e, m, wide, path)
+                find_entries(model, state, e, m, path, at)
+            else:
+                forget_entries(state, e, m)
+    finish(model, state, e, fresh, observations, outcome)
+
+
 @owner
 def decide(
     model: Model,
@@ -63,29 +104,8 @@ def decide(
     outcome: Array,
 ) -> None:
     """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
-    targets = state.target.shape[1]
-    noise = np.empty((state.cameras.shape[1], targets, 6))
+    noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path, wide = np.empty((model.steps, 4)), np.empty((model.steps, 8))
+    lent_model, lent_state, lent = lend(model), lend(state), lend(est)
     for e in chosen:
-        t_s = 0.0
-        if fresh:
-            place_cameras(model, state, e)
-            start_references(state, e)
-        else:
-            begin(model, state, e, actions)
-        for _ in range(1 if fresh else model.decide_every):
-            if not fresh:
-                t_s = fly_once(model, state, e)
-            if sensing_due(model, state, e):
-                sense(model, state, e, noise)
-                for m in range(targets):
-                    update(est, state, e, m, t_s)
-                after_sense(model, state, e, t_s)
-        if due(model, state, e, t_s):
-            for m in range(targets):
-                if state.estimate[e, m, 15] >= 0.0:
-                    at = roll_out(est, model, state, e, m, wide, path)
-                    find_entries(model, state, e, m, path, at)
-                else:
-                    forget_entries(state, e, m)
-        finish(model, state, e, fresh, observations, outcome)
+        _decide_one(lent_model, lent_state, lent, e, fresh, actions, noise, wide, path, observations, outcome)
