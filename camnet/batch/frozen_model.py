@@ -20,6 +20,7 @@ from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.persistence import load_models
 from camnet.estimation.propagate import PRIORS, UNIT
 from camnet.estimation.radius import REMEMBERED_GAPS
+from camnet.estimation.road_prior import map_of
 from camnet.simulation.network import Network
 from camnet.types import Array, CameraMotion, IntArray, PoseMeasurement
 
@@ -109,7 +110,7 @@ def warm_up(network: Network, duration_s: float = 200.0, seed: int = 0) -> Froze
 def _learn(network: Network, m: int, duration_s: float, rng: np.random.Generator) -> LearningEstimator:
     s, motion = network.scenario, network.description.targets[m].motion
     filter_ = LearningEstimator(
-        s.estimator, network.basis, len(network.regions), s.sensing.rate_hz, network.bounds
+        s.estimator, network.basis, len(network.regions), s.sensing.rate_hz, network.bounds, roads=s.roads
     )
     dt, still = 1.0 / s.sensing.rate_hz, np.zeros(3)
     at_origin = CameraMotion(still, np.array([1.0, 0.0, 0.0, 0.0]), still, still)
@@ -196,7 +197,8 @@ def frozen_state(
         handover_s=s.gap.handover_s,
         samples=s.regression_samples,
         reset_on_sighting=s.reset_on_sighting,
-        pose=np.zeros((e, m, 14)),
+        roads=map_of(s.gap.prior, network.scenario.roads),
+        pose=np.zeros((e, m, 15)),
         history=np.zeros((e, m, 2 * s.regression_samples, 8)),
         fitted=np.zeros((e, m, 13)),
         held=np.zeros((e, m, 3), dtype=np.int64),
