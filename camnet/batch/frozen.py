@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
+from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator_learn import fit_motion
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
@@ -396,6 +397,45 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
         path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
 
 
+@inner
+def _decide_one(
+    model: Model,
+    state: State,
+    f: Frozen,
+    e: int,
+    fresh: bool,
+    actions: Array,
+    noise: Array,
+    path: Array,
+    observations: NDArray[np.float32],
+    outcome: Array,
+) -> None:
+    """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
+    targets = state.target.shape[1]
+    t_s = 0.0
+    if fresh:
+        place_cameras(model, state, e)
+        start_references(state, e)
+    else:
+        begin(model, state, e, actions)
+    for _ in range(1 if fresh else model.decide_every):
+        if not fresh:
+            t_s = fly_once(model, state, e)
+        if sensing_due(model, state, e):
+            sense(model, state, e, noise)
+            for m in range(targets):
+                update(f, model, state, e, m, t_s)
+            after_sense(model, state, e, t_s)
+    if due(model, state, e, t_s):
+        for m in range(targets):
+            if state.estimate[e, m, 15] >= 0.0:
+                roll_out(f, model, state, e, m, path)
+                find_entries(model, state, e, m, path, f.pose[e, m, 0])
+            else:
+                forget_entries(state, e, m)
+    finish(model, state, e, fresh, observations, outcome)
+
+
 @owner
 def decide(
     model: Model,
@@ -408,29 +448,8 @@ def decide(
     outcome: Array,
 ) -> None:
     """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
-    targets = state.target.shape[1]
-    noise = np.empty((state.cameras.shape[1], targets, 6))
+    noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path = np.empty((model.steps, 4))
+    lent_model, lent_state, lent = lend(model), lend(state), lend(f)
     for e in chosen:
-        t_s = 0.0
-        if fresh:
-            place_cameras(model, state, e)
-            start_references(state, e)
-        else:
-            begin(model, state, e, actions)
-        for _ in range(1 if fresh else model.decide_every):
-            if not fresh:
-                t_s = fly_once(model, state, e)
-            if sensing_due(model, state, e):
-                sense(model, state, e, noise)
-                for m in range(targets):
-                    update(f, model, state, e, m, t_s)
-                after_sense(model, state, e, t_s)
-        if due(model, state, e, t_s):
-            for m in range(targets):
-                if state.estimate[e, m, 15] >= 0.0:
-                    roll_out(f, model, state, e, m, path)
-                    find_entries(model, state, e, m, path, f.pose[e, m, 0])
-                else:
-                    forget_entries(state, e, m)
-        finish(model, state, e, fresh, observations, outcome)
+        _decide_one(lent_model, lent_state, lent, e, fresh, actions, noise, path, observations, outcome)
