@@ -64,21 +64,32 @@ def _goal(model: Model, n: int, p: Triple) -> Triple:
 
 
 @inner
+def _ask(model: Model, state: State, e: int, n: int, p: Triple, pan: float, tilt: float) -> None:
+    """Make a position in the world and a gaze the setpoint of agent ``n``, as far as they are admissible."""
+    goal = _goal(model, n, p)
+    for i in range(3):
+        state.setpoint[e, n, i] = goal[i]
+    state.setpoint[e, n, 3] = min(max(pan, -model.gaze_max), model.gaze_max)
+    state.setpoint[e, n, 4] = min(max(tilt, -model.gaze_max), model.gaze_max)
+
+
+@inner
 def begin(model: Model, state: State, e: int, actions: Array) -> None:
-    """Take actions (E, N, 5) in [-1, 1] as setpoints: ``HandoffEnv.setpoints``."""
+    """Take actions (E, N, 5) as setpoints: in [-1, 1] as ``HandoffEnv.setpoints``, or in the world; see ``in_world``."""
     for n in range(state.bodies.shape[1]):
+        if model.in_world:
+            p = (actions[e, n, 0], actions[e, n, 1], actions[e, n, 2])
+            _ask(model, state, e, n, p, actions[e, n, 3], actions[e, n, 4])
+            continue
         a = (
             min(max(actions[e, n, 0], -1.0), 1.0) * max(model.halves[n, 0] - model.margin, 0.0),
             min(max(actions[e, n, 1], -1.0), 1.0) * max(model.halves[n, 1] - model.margin, 0.0),
             min(max(actions[e, n, 2], -1.0), 1.0) * max(model.halves[n, 2] - model.margin, 0.0),
         )
         c = model.centers
-        goal = _goal(model, n, (c[n, 0] + a[0], c[n, 1] + a[1], c[n, 2] + a[2]))
-        for i in range(3):
-            state.setpoint[e, n, i] = goal[i]
-        for i in range(2):
-            look = min(max(actions[e, n, 3 + i], -1.0), 1.0) * model.gaze_scale
-            state.setpoint[e, n, 3 + i] = min(max(look, -model.gaze_max), model.gaze_max)
+        pan = min(max(actions[e, n, 3], -1.0), 1.0) * model.gaze_scale
+        tilt = min(max(actions[e, n, 4], -1.0), 1.0) * model.gaze_scale
+        _ask(model, state, e, n, (c[n, 0] + a[0], c[n, 1] + a[1], c[n, 2] + a[2]), pan, tilt)
 
 
 @inner

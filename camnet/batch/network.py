@@ -67,6 +67,7 @@ class Model(NamedTuple):
     rewards : (6,) in view, reacquired, lost, effort, region exit, collision
     ends : (2,) whether a collision ends the episode; time lost that ends it (inf: none)
     guard : (2,) range from the start and speed at which a body counts as diverged
+    in_world : whether actions are setpoints, m and rad, not shares in [-1, 1]
     """
 
     targets: Targets
@@ -124,6 +125,7 @@ class Model(NamedTuple):
     rewards: Array
     ends: Array
     guard: Array
+    in_world: bool
 
 
 class Shown(NamedTuple):
@@ -135,6 +137,7 @@ class Shown(NamedTuple):
     rewards: tuple[float, float, float, float, float, float]
     terminate_on_collision: bool
     lost_limit_s: float
+    in_world: bool = False
 
 
 def _refuse(network: Network) -> None:
@@ -294,4 +297,5 @@ def pack_network(network: Network, shown: Shown) -> Model:
         rewards=np.array(shown.rewards),
         ends=np.array([float(shown.terminate_on_collision), shown.lost_limit_s]),
         guard=np.array([physics.range_limit_m, physics.speed_limit_mps]),
+        in_world=shown.in_world,
     )

@@ -194,7 +194,8 @@ def _look(model: Model, state: State, e: int) -> None:
             inside = contains(model, c, p)
             if inside and state.region[e, m] < 0:
                 state.region[e, m] = c
-            seen = (inside or c >= n_agents) and _sees(model, state, e, c, m)
+            works = state.working[e, c] == 1 and (inside or c >= n_agents)
+            seen = works and _sees(model, state, e, c, m)
             state.visible[e, c, m] = 1 if seen else 0
 
 

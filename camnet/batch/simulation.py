@@ -25,7 +25,7 @@ from camnet.batch.observe import NEIGHBOUR_FIELDS, OWN_FIELDS, TARGET_FIELDS
 from camnet.batch.state import State, allocate, restart
 from camnet.errors import ConfigError, SimulationError
 from camnet.simulation.network import Network
-from camnet.types import Array, IntArray
+from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["FILTERS", "BatchSimulation"]
 
@@ -210,6 +210,11 @@ class BatchSimulation:
                 work(group)
         else:
             list(self._pool.map(work, self.groups))
+
+    def set_working(self, alive: BoolArray) -> None:
+        """Let the cameras of those agents work that ``alive`` (E, N) says; a new episode begins with all of them."""
+        for group in self.groups:
+            group.state.working[:, : alive.shape[1]] = alive[group.first : group.first + group.count]
 
     def gather(self, name: str) -> NDArray[Any]:
         """One array of `State` over all environments (a copy)."""

@@ -52,6 +52,7 @@ class State(NamedTuple):
     cameras : (E, C, 13) p, q, v (world), w (camera)
     target, inner : (E, M, 13), (E, M, 8) as in `camnet.batch.motion`
     streams : (E * (2 + M), 4) random streams of sensors, air and targets
+    working : (E, C) whether a camera works; one that does not sees nothing
     visible : (E, C, M) whether a camera sees a target
     measured : (E, M, 8) measured pose (7) of the last sensing, and the camera (-1: none)
     estimate : (E, M, 17) see ``ESTIMATE``
@@ -71,6 +72,7 @@ class State(NamedTuple):
     target: Array
     inner: Array
     streams: Streams
+    working: IntArray
     visible: IntArray
     measured: Array
     estimate: Array
@@ -99,6 +101,7 @@ def allocate(model: Model, environments: int) -> State:
         target=np.zeros((e, m, 13)),
         inner=np.zeros((e, m, 8)),
         streams=np.zeros((e * (2 + m), 4), dtype=np.uint64),
+        working=np.ones((e, c), dtype=np.int64),
         visible=np.zeros((e, c, m), dtype=np.int64),
         measured=np.zeros((e, m, 8)),
         estimate=np.zeros((e, m, 17)),
@@ -153,6 +156,7 @@ def _start_agents(model: Model, state: State, e: int) -> None:
 
 
 def _start_books(state: State, e: int) -> None:
+    state.working[e] = 1
     state.visible[e] = 0
     state.measured[e] = 0.0
     state.measured[e, :, 7] = -1.0
