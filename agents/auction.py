@@ -21,12 +21,12 @@ from camnet.agents.learned import Learned
 from camnet.agents.policy import Action, AgentContext
 from camnet.types import Array
 
-__all__ = ["Auction"]
+__all__ = ["INSIDE", "NO_BID", "Auction"]
 
 #: cost of a target that an agent cannot serve; anything below it is a bid
-_NO_BID = 1e6
+NO_BID = 1e6
 #: a predicted position is worth a little less than a sighting
-_INSIDE = 1e-3
+INSIDE = 1e-3
 
 
 class Auction:
@@ -49,7 +49,7 @@ class Auction:
         bids = np.array([self._bids(name, observations[name]) for name in names])
         won = dict.fromkeys(range(len(names)), -1)
         for agent, target in zip(*linear_sum_assignment(bids), strict=True):
-            if bids[agent, target] < _NO_BID:
+            if bids[agent, target] < NO_BID:
                 won[int(agent)] = int(target)
         return {
             name: self._rules[name](self._only(name, observations[name], won[i]))
@@ -59,7 +59,7 @@ class Auction:
     def _bids(self, name: str, observation: NDArray[np.float32]) -> Array:
         """Bid (M,) of one agent for every target, in look-ahead times."""
         layout = self._contexts[name].layout
-        bids = np.full(layout.n_targets, _NO_BID)
+        bids = np.full(layout.n_targets, NO_BID)
         for m in range(layout.n_targets):
 
             def value(field: str, target: int = m) -> float:
@@ -68,9 +68,9 @@ class Auction:
             if value("seen_by_me") > 0:
                 bids[m] = 0.0
             elif value("inside") > 0 and value("radius") <= 1:
-                bids[m] = _INSIDE
+                bids[m] = INSIDE
             elif value("coming") > 0 and value("entry_radius") <= 1:
-                bids[m] = _INSIDE + value("entry_time")
+                bids[m] = INSIDE + value("entry_time")
         return bids
 
     def _only(self, name: str, observation: NDArray[np.float32], target: int) -> NDArray[np.float32]:

@@ -13,9 +13,19 @@ from camnet.agents.policy import Action, AgentContext
 from camnet.agents.policy_file import PolicyNet
 from camnet.errors import DataError
 
-__all__ = ["Trained"]
+__all__ = ["Trained", "check_net"]
 
 _ACTION_SIZE = 5
+
+
+def check_net(net: PolicyNet) -> None:
+    """Refuse a policy that was made for other features or actions than this version's (DataError)."""
+    if net.header.features != FEATURES:
+        raise DataError(
+            f"policy: it takes {len(net.header.features)} features, this version has {len(FEATURES)}; train it anew"
+        )
+    if net.biases[-1].shape != (_ACTION_SIZE,):
+        raise DataError(f"policy: its output has {net.biases[-1].size} numbers, an action has {_ACTION_SIZE}")
 
 
 class Trained:
@@ -33,14 +43,7 @@ class Trained:
     """
 
     def __init__(self, known: Mapping[str, AgentContext], net: PolicyNet) -> None:
-        if net.header.features != FEATURES:
-            raise DataError(
-                f"policy: it takes {len(net.header.features)} features, this version has {len(FEATURES)}; train it anew"
-            )
-        if net.biases[-1].shape != (_ACTION_SIZE,):
-            raise DataError(
-                f"policy: its output has {net.biases[-1].size} numbers, an action has {_ACTION_SIZE}"
-            )
+        check_net(net)
         self._net = net
         self._half_sizes = {name: context.half_size for name, context in known.items()}
         layout = next(iter(known.values())).layout

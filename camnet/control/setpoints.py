@@ -16,17 +16,30 @@ from camnet.geometry.regions import Region
 from camnet.geometry.settings import CameraModel
 from camnet.types import Array, TargetEstimate
 
-__all__ = ["Setpoint", "at_ease", "half_angle", "intercept", "loiter", "track", "working_height"]
+__all__ = [
+    "CLIMB_MPS",
+    "LEAD_S",
+    "LEAST_SPEED_MPS",
+    "PUNCTUAL",
+    "REPOSE_S",
+    "Setpoint",
+    "at_ease",
+    "half_angle",
+    "intercept",
+    "loiter",
+    "track",
+    "working_height",
+]
 
 #: share of the time until an entry in which the camera gets there; time in which it goes to its waiting place, s
-_PUNCTUAL, _REPOSE_S = 0.5, 15.0
+PUNCTUAL, REPOSE_S = 0.5, 15.0
 #: never slower than this on the way, m/s: the last steps would take for ever
-_LEAST_SPEED_MPS = 0.1
+LEAST_SPEED_MPS = 0.1
 #: speed of climbing or sinking to the working height while the target is in view, m/s
-_CLIMB_MPS = 0.15
+CLIMB_MPS = 0.15
 _HALF_ANGLES_KEPT = 256
 #: how far ahead of a tracked target the camera is sent, s: about the lag of the references
-_LEAD_S = 0.5
+LEAD_S = 0.5
 
 
 class Setpoint(NamedTuple):
@@ -105,12 +118,12 @@ def track(
     camera_p : (3,) where the camera is now, so that the gaze is right on the way (default: the setpoint)
     """
     height = working_height(camera, _view_radius(settings.target_extent_m, estimate.radius_m), settings)
-    ahead = estimate.p_world + _LEAD_S * estimate.v_world
+    ahead = estimate.p_world + LEAD_S * estimate.v_world
     p = _above(ahead, height, region, settings.region_margin_m)
     if camera_p is None:
         return Setpoint(p, _look_from(p, estimate.p_world, settings))
     if estimate.seen:  # the right height can wait while the target is in view
-        step = _CLIMB_MPS / settings.reference_position_gain_per_s
+        step = CLIMB_MPS / settings.reference_position_gain_per_s
         p = np.array([p[0], p[1], camera_p[2] + min(max(p[2] - camera_p[2], -step), step)])
     return Setpoint(p, _look_from(camera_p, estimate.p_world, settings))
 
@@ -161,8 +174,8 @@ def at_ease(
     """
     way = goal.p_world - camera_p
     distance = math.sqrt(float(way @ way))
-    allowed = _PUNCTUAL * within_s if math.isfinite(within_s) else _REPOSE_S
-    speed = max(distance / max(allowed, 1e-3), _LEAST_SPEED_MPS)
+    allowed = PUNCTUAL * within_s if math.isfinite(within_s) else REPOSE_S
+    speed = max(distance / max(allowed, 1e-3), LEAST_SPEED_MPS)
     step = speed / settings.reference_position_gain_per_s
     if step >= distance or speed >= 0.5 * settings.reference_v_max_mps:
         return goal

@@ -5,9 +5,14 @@
 >>> observations = env.reset(seed=1)                    # (E, N, D) float32, fields as in `camnet.env.layout`
 >>> step = env.step(actions)                            # actions (E, N, 5) in [-1, 1], as in `handoff_v0`
 
-The same equations, seeds, observations and rewards as `camnet.env.handoff_v0` (the sensors' noise is the same number
-for number), without PyBullet: nothing is rendered, and bodies that touch do not push each other. Interfaces for
-training libraries are in `camnet.env.batch_vector`.
+The same equations, seeds, observations and rewards as `camnet.env.handoff_v0` (the sensors' noise, who fails when and
+which messages get lost are the same number for number), without PyBullet: nothing is rendered, and bodies that touch
+do not push each other. Observations are flat arrays. Interfaces for training libraries are in
+`camnet.env.batch_vector`.
+
+An agent that fails keeps its row: in the step in which it fails the row has its last observation and
+``BatchStep.failed`` is true; from then on ``BatchStep.alive`` is false, its observation is zero and its action is not
+looked at. When the last agent of an environment fails, the episode is terminated.
 """
 
 from __future__ import annotations
@@ -22,31 +27,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.frozen_model import FrozenModel, load_frozen
-from camnet.batch.loop import REWARD, TERMINATED
+from camnet.batch.loop import REWARD, TERMINATED, TIME
 from camnet.batch.network import Shown
 from camnet.batch.simulation import BatchSimulation
 from camnet.batch.state import CYCLE, RETURN
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
+from camnet.env.batch_failures import BatchFailures
+from camnet.env.batch_messages import BatchMessages, Present, shared_rows
+from camnet.env.batch_modes import batch_mode
+from camnet.env.encode import BeliefEncoder, BeliefRows
 from camnet.env.layout import ObservationLayout
-from camnet.env.settings import EnvSettings, RewardSettings
+from camnet.env.messages import messages_are_perfect
+from camnet.env.presets import preset_options
+from camnet.env.settings import EnvSettings, RewardSettings, merged_settings
 from camnet.errors import ConfigError
 from camnet.simulation.network import Network, build_network
-from camnet.types import Array, BoolArray
+from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["BatchHandoff", "BatchStep"]
-
-#: fields of the environment's settings that this back end follows; the others must keep their defaults
-_FOLLOWED = (
-    "max_cycles",
-    "gaze_max_rad",
-    "neighbours",
-    "communication_range_m",
-    "terminate_on_collision",
-    "lost_limit_s",
-    "reward",
-    "region_guard",
-)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,6 +60,8 @@ class BatchStep:
     finished : figures of the episodes that have ended, by environment: ``return``, ``length`` and those of
         `camnet.simulation.statistics.RunStatistics.episode`
     last : (E, N, D) the last observations of the episodes that have ended; elsewhere the present ones
+    failed : (E, N) agents that failed in this step
+    alive : (E, N) agents that work, in the episode that ``observations`` are of
     """
 
     observations: NDArray[np.float32]
@@ -69,6 +70,8 @@ class BatchStep:
     truncated: BoolArray
     finished: dict[int, dict[str, Any]]
     last: NDArray[np.float32]
+    failed: BoolArray
+    alive: BoolArray
 
 
 class BatchHandoff:
@@ -76,7 +79,8 @@ class BatchHandoff:
 
     Parameters
     ----------
-    world : name of a shipped world, path of a world file or recipe, or a scenario
+    world : name of a shipped world, path of a world file or recipe, a scenario, or an id of `camnet.env.presets`,
+        whose options then are the defaults
     environments : E
     overrides : settings to change, as ``key=value``
     filter_name : ``learned``, ``frozen``, ``ekf`` or ``oracle``: where the agents' estimates come from
@@ -105,23 +109,48 @@ class BatchHandoff:
         settings: EnvSettings | None = None,
         **options: Any,  # noqa: ANN401 - fields of EnvSettings
     ) -> None:
+        world, options = preset_options(world, options)
         scenario = world if isinstance(world, Scenario) else load_scenario(world, overrides)
         if not isinstance(scenario, Scenario):
             raise ConfigError(f"world = {world!r}: the handoff environment needs a network")
         self.settings = _checked(settings, options)
         self.network: Network = build_network(scenario)
         self.max_cycles, self.auto_reset = self.settings.max_cycles, auto_reset
-        held = load_frozen(self.network, model) if isinstance(model, str | Path) else model
-        duration_s = self.max_cycles / scenario.run.decision_hz
-        self.simulation = BatchSimulation(
-            self.network, _shown(self.settings), environments, filter_name, held, threads, duration_s
-        )
         self.environments, self.n_agents = environments, self.network.n_agents
         self.possible_agents = [agent.name for agent in scenario.agents]
-        neighbours = self.simulation.model.neighbours
-        self.layout = ObservationLayout(self.network.n_targets, neighbours)
-        self._seed = scenario.seed
+        self._all, self._seed = np.arange(environments), scenario.seed
         self._running = np.zeros(environments, dtype=bool)
+        self._open_rules()
+        held = load_frozen(self.network, model) if isinstance(model, str | Path) else model
+        duration_s = self.max_cycles / scenario.run.decision_hz
+        shown = _shown(self.settings, self._mode.in_world)
+        self.simulation = BatchSimulation(
+            self.network, shown, environments, filter_name, held, threads, duration_s
+        )
+        self.layout = ObservationLayout(self.network.n_targets, self.simulation.model.neighbours)
+        self._encoder = BeliefEncoder(self.network, self.layout)
+
+    def _open_rules(self) -> None:
+        """Set up what actions mean, who fails, and who hears what."""
+        settings, network, e = self.settings, self.network, self.environments
+        dt_s = 1.0 / network.scenario.run.decision_hz
+        self._failures = BatchFailures(settings.failures, self.possible_agents, dt_s, e)
+        failing = self._failures.possible
+        self._mode = batch_mode(network, settings, e, failing)
+        #: space of one agent's actions
+        self.action_space = self._mode.space()
+        perfect = messages_are_perfect(network, settings) and not failing
+        self._messages = None if perfect else BatchMessages(network, settings, e)
+        self._beliefs: BeliefRows | None = None
+
+    @property
+    def alive(self) -> BoolArray:
+        """Which agents (E, N) work now."""
+        return self._failures.alive.copy()
+
+    def action_masks(self) -> NDArray[np.int8] | None:
+        """Which actions (E, N, A) mean something now; None where all do, as in modes other than ``assign``."""
+        return None if self._beliefs is None else self._mode.mask(self._beliefs)
 
     def reset(
         self,
@@ -148,29 +177,41 @@ class BatchHandoff:
             raise ConfigError(f"seeds: {len(seeds)} given for {len(chosen)} environments")
         if len(seeds):
             self._seed = max(seeds)
-        self.simulation.reset(chosen, [int(s) for s in seeds])
-        self._running[chosen] = True
+        self._start(chosen, [int(s) for s in seeds])
         return self.simulation.observations.copy()
 
+    def _start(self, chosen: IntArray, seeds: list[int]) -> None:
+        """Start episodes: physics, failures and messages, which draw from generators of their own."""
+        self.simulation.reset(chosen, seeds)
+        self._mode.reset(chosen)
+        if self._messages is not None:
+            for e, seed in zip(chosen.tolist(), seeds, strict=True):
+                children = np.random.SeedSequence([seed, 1]).spawn(2)
+                self._messages.reset(e, np.random.default_rng(children[0]))
+                self._failures.reset(e, np.random.default_rng(children[1]))
+        self._running[chosen] = True
+        self._exchange(chosen)
+
     def step(self, actions: NDArray[Any]) -> BatchStep:
-        """Fly one decision period with actions (E, N, 5) in [-1, 1]; see `camnet.env.handoff_v0`.
+        """Fly one decision period with actions (E, N, 5) in [-1, 1] or, in mode ``assign``, (E, N) whole numbers.
 
         Raises
         ------
         ConfigError
             The actions have another shape or are not finite, or an environment was not started.
         """
-        flat = np.asarray(actions)
-        shape = (self.environments, self.n_agents, 5)
-        if flat.shape != shape or not np.isfinite(flat).all():
-            raise ConfigError(f"actions of shape {flat.shape}: finite numbers of shape {shape} were expected")
         if not self._running.all():
             e = int(np.argmin(self._running))
             raise ConfigError(f"environment {e}: its episode has ended or not begun; call reset first")
-        simulation = self.simulation
-        simulation.step(flat)
+        simulation, before = self.simulation, self.alive
+        cameras = simulation.gather("cameras") if self._mode.in_world else _NO_CAMERAS
+        simulation.step(self._mode.ask(actions, before, cameras, self._beliefs))
+        failed = self._fail()
+        self._exchange(self._all)
+        if not before.all():
+            simulation.observations[~before] = 0.0
         rewards = simulation.outcome[:, REWARD].copy()
-        terminated = simulation.outcome[:, TERMINATED] > 0.0
+        terminated = (simulation.outcome[:, TERMINATED] > 0.0) | ~self._failures.alive.any(axis=1)
         truncated = (simulation.gather("clock")[:, CYCLE] >= self.max_cycles) & ~terminated
         last = simulation.observations.copy()
         ended = np.flatnonzero(terminated | truncated)
@@ -179,7 +220,47 @@ class BatchHandoff:
         observations = last
         if ended.size and self.auto_reset:
             observations = self.reset(environments=ended.tolist())
-        return BatchStep(observations, rewards, terminated, truncated, finished, last)
+        return BatchStep(observations, rewards, terminated, truncated, finished, last, failed, self.alive)
+
+    def _fail(self) -> BoolArray:
+        """Let agents fail; return who did in this decision (E, N)."""
+        if not self._failures.possible:
+            return np.zeros((self.environments, self.n_agents), dtype=bool)
+        failed = self._failures.draw(self.simulation.outcome[:, TIME])
+        if failed.any():
+            self.simulation.set_working(self._failures.alive)
+        return failed
+
+    def _exchange(self, rows: IntArray) -> None:
+        """Let the agents of the environments ``rows`` hear what is due, and show them what they then believe."""
+        if self._messages is None and not self._mode.needs_beliefs:
+            return
+        now = self._present(rows)
+        if self._messages is None:
+            beliefs = shared_rows(now, self.n_agents)
+        else:
+            beliefs = self._messages.exchange(rows, now)
+            shown = self.simulation.observations[rows]
+            self._encoder.write_rows(shown, beliefs)
+            self.simulation.observations[rows] = shown
+        if self._beliefs is None or len(rows) == self.environments:
+            self._beliefs = beliefs
+        else:
+            self._beliefs = _replaced(self._beliefs, rows, beliefs)
+
+    def _present(self, rows: IntArray) -> Present:
+        simulation = self.simulation
+        cameras = simulation.gather("cameras")[rows, :, :3]
+        working = np.ones(cameras.shape[:2], dtype=bool)
+        working[:, : self.n_agents] = self._failures.alive[rows]
+        return Present(
+            t_s=simulation.outcome[rows, TIME],
+            estimate=simulation.gather("estimate")[rows],
+            entries=simulation.gather("entries")[rows],
+            visible=simulation.gather("visible")[rows] > 0,
+            cameras_p=cameras,
+            working=working,
+        )
 
     def _figures(self, e: int) -> dict[str, Any]:
         clock = self.simulation.clock(e)
@@ -190,30 +271,30 @@ class BatchHandoff:
         self.simulation.close()
 
 
+#: stands for the cameras where nobody asks where they are
+_NO_CAMERAS = np.zeros((0, 0, 13))
+
+
+def _replaced(beliefs: BeliefRows, rows: IntArray, new: BeliefRows) -> BeliefRows:
+    """Beliefs with those of the environments ``rows`` renewed."""
+    parts = [np.array(part) for part in beliefs]
+    for part, value in zip(parts, new, strict=True):
+        part[rows] = value
+    return BeliefRows(*parts)
+
+
 def _checked(settings: EnvSettings | None, options: dict[str, Any]) -> EnvSettings:
     """Return settings with single options in place; those that this back end does not follow must be the defaults."""
-    if "max_steps" in options:
-        options = {**options, "max_cycles": options["max_steps"]}
-        del options["max_steps"]
-    unknown = sorted(set(options) - set(EnvSettings.model_fields))
-    if unknown:
-        known = ", ".join(EnvSettings.model_fields)
-        raise ConfigError(f"unknown option {unknown[0]!r} of the handoff environment; known are {known}")
-    base = EnvSettings() if settings is None else settings
-    try:
-        full = EnvSettings.model_validate({**base.model_dump(), **options})
-    except ValueError as error:
-        raise ConfigError(f"options of the handoff environment: {error}") from error
-    default = EnvSettings()
-    for name in EnvSettings.model_fields:
-        if name not in _FOLLOWED and getattr(full, name) != getattr(default, name):
-            raise ConfigError(
-                f"{name} = {getattr(full, name)!r}: the batch back end has {getattr(default, name)!r} only"
-            )
+    full = merged_settings(settings, options)
+    if full.observation_form != "flat":
+        raise ConfigError(
+            f"observation_form = {full.observation_form!r}: the batch back end has 'flat' only; "
+            "`camnet.env.layout.ObservationLayout.named` names the parts of a row"
+        )
     return full
 
 
-def _shown(settings: EnvSettings) -> Shown:
+def _shown(settings: EnvSettings, in_world: bool) -> Shown:
     r: RewardSettings = settings.reward
     return Shown(
         gaze_max_rad=settings.gaze_max_rad,
@@ -222,4 +303,5 @@ def _shown(settings: EnvSettings) -> Shown:
         rewards=(r.in_view, r.reacquired, r.lost, r.effort, r.region_exit, r.collision),
         terminate_on_collision=settings.terminate_on_collision,
         lost_limit_s=math.inf if settings.lost_limit_s is None else settings.lost_limit_s,
+        in_world=in_world,
     )

@@ -32,10 +32,10 @@ from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.network import Network
 from camnet.types import BoolArray
 
-__all__ = ["Messages", "messages_are_perfect"]
+__all__ = ["SILENCE_S", "Messages", "messages_are_perfect"]
 
 #: an agent that was not heard for so long (beyond the delay) is left out of the neighbours
-_SILENCE_S = 2.0
+SILENCE_S = 2.0
 
 
 def messages_are_perfect(network: Network, settings: EnvSettings) -> bool:
@@ -104,7 +104,7 @@ class Messages:
             seen_by_me=shared.seen_by_me,
             entries=[list(row) for row in self._entries],
             peers_p_world=self._peers_p.copy(),
-            peers_known=shared.t_s - self._peers_sent_s <= _SILENCE_S + self._settings.message_delay_s,
+            peers_known=shared.t_s - self._peers_sent_s <= SILENCE_S + self._settings.message_delay_s,
         )
 
     def _post(self, simulation: NetworkSimulation, shared: Beliefs) -> _Post:

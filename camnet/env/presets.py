@@ -9,7 +9,8 @@
 | `camnet/Handoff-Failures-v0` | the loop of eight with agents that fail, and messages that come late or get lost |
 
 All of them are registered with PettingZoo in both forms; ``pettingzoo.make("parallel", id, ...)`` takes the options of
-`camnet.env.handoff_v0.HandoffEnv` on top. `camnet/Handoff-Single-v0` is registered with Gymnasium
+`camnet.env.handoff_v0.HandoffEnv` on top. The ids are worlds to `camnet.env.batch_handoff.BatchHandoff` and to
+``camnet evaluate``, too. `camnet/Handoff-Single-v0` is registered with Gymnasium
 (`camnet.env.single`).
 """
 
@@ -20,7 +21,7 @@ from typing import Any
 import gymnasium
 from pettingzoo import register
 
-__all__ = ["PRESETS", "SINGLE", "register_all"]
+__all__ = ["PRESETS", "SINGLE", "preset_options", "register_all"]
 
 #: registered id -> options of the environment
 PRESETS: dict[str, dict[str, Any]] = {
@@ -38,6 +39,14 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 #: id of the single-agent form, with Gymnasium
 SINGLE = "camnet/Handoff-Single-v0"
+
+
+def preset_options(world: Any, options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:  # noqa: ANN401 - name or scenario
+    """World and options of an environment, where ``world`` may be a registered id: ``options`` go before its own."""
+    if isinstance(world, str) and world in PRESETS:
+        options = {**PRESETS[world], **options}
+        world = options.pop("world")
+    return world, options
 
 
 def register_all() -> None:

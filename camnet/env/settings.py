@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from camnet.errors import ConfigError
 from camnet.settings import Fraction, NonNegative, Positive, Settings
 
-__all__ = ["EnvSettings", "FailureSettings", "RewardSettings"]
+__all__ = ["EnvSettings", "FailureSettings", "RewardSettings", "merged_settings"]
 
 
 class RewardSettings(Settings):
@@ -64,3 +65,25 @@ class EnvSettings(Settings):
     message_delay_s: NonNegative = 0.0
     message_loss: Fraction = 0.0
     failures: FailureSettings = FailureSettings()
+
+
+def merged_settings(settings: EnvSettings | None, options: dict[str, Any]) -> EnvSettings:
+    """Return ``settings`` with single fields from ``options`` in place; ``max_steps`` also names ``max_cycles``.
+
+    Raises
+    ------
+    ConfigError
+        A field is unknown or its value makes no sense.
+    """
+    if "max_steps" in options:
+        options = {**options, "max_cycles": options["max_steps"]}
+        del options["max_steps"]
+    unknown = sorted(set(options) - set(EnvSettings.model_fields))
+    if unknown:
+        known = ", ".join(EnvSettings.model_fields)
+        raise ConfigError(f"unknown option {unknown[0]!r} of the handoff environment; known are {known}")
+    base = EnvSettings() if settings is None else settings
+    try:
+        return EnvSettings.model_validate({**base.model_dump(), **options})
+    except ValueError as error:
+        raise ConfigError(f"options of the handoff environment: {error}") from error

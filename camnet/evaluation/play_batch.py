@@ -6,13 +6,28 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from camnet.agents import build_team, estimator_of, network_contexts
+from camnet.agents import estimator_of, network_contexts
+from camnet.agents.together import build_together
+from camnet.batch.simulation import FILTERS
 from camnet.batch.state import ESTIMATE
-from camnet.env.batch_handoff import BatchHandoff
+from camnet.env.batch_handoff import BatchHandoff, BatchStep
+from camnet.errors import ConfigError
 from camnet.evaluation.play import Match
-from camnet.evaluation.scores import EpisodeRecorder, Instant, Score
+from camnet.evaluation.score_rows import RecorderRows
+from camnet.evaluation.scores import Score
 
-__all__ = ["play_together"]
+__all__ = ["can_play_together", "play_together"]
+
+
+def can_play_together(match: Match) -> bool:
+    """Whether the batch back end has everything that a match asks for."""
+    if estimator_of(match.agent) not in FILTERS:
+        return False
+    try:
+        _open(match, 1, 1, light=True).close()
+    except ConfigError:
+        return False
+    return True
 
 
 def play_together(
@@ -25,20 +40,25 @@ def play_together(
     threads : for the physics; the agents' rules run in this thread
     progress : called with the share of the episodes' length that is over
     """
-    env = BatchHandoff(
+    env = _open(match, len(seeds), threads)
+    try:
+        return _play(match, env, seeds, progress)
+    finally:
+        env.close()
+
+
+def _open(match: Match, environments: int, threads: int, light: bool = False) -> BatchHandoff:
+    """Open the environments; ``light`` ones, with a simple estimator, tell whether the world can be had at all."""
+    return BatchHandoff(
         match.world,
-        environments=len(seeds),
+        environments=environments,
         overrides=match.overrides,
-        filter_name=estimator_of(match.agent),
+        filter_name="ekf" if light else estimator_of(match.agent),
         threads=threads,
         auto_reset=False,
         max_cycles=match.max_cycles,
         **dict(match.options),
     )
-    try:
-        return _play(match, env, seeds, progress)
-    finally:
-        env.close()
 
 
 def _play(
@@ -46,37 +66,35 @@ def _play(
 ) -> list[Score]:
     observations = env.reset(seeds)
     known = network_contexts(env.network, env.layout, env.settings.gaze_max_rad)
-    teams = [build_team(match.agent, known, seed) for seed in seeds]
-    recorders = [EpisodeRecorder(match.cutoff_m) for _ in seeds]
-    scores: list[Score | None] = [None] * len(seeds)
-    names, actions = list(known), np.zeros((len(seeds), len(known), 5), dtype=np.float32)
+    team = build_together(match.agent, known, seeds)
+    recorder = RecorderRows(len(seeds), env.network.n_targets, match.cutoff_m)
+    scores: dict[int, Score] = {}
+    live = np.arange(len(seeds))
     for cycle in range(match.max_cycles):
-        live = [e for e, score in enumerate(scores) if score is None]
-        for e in live:
-            chosen = teams[e](dict(zip(names, observations[e], strict=True)))
-            actions[e] = [chosen[name] for name in names]
-        step = env.step(actions)
-        instants = _instants(env)
-        for e in live:
-            recorders[e].add(float(step.rewards[e]), instants[e])
-        for e, figures in step.finished.items():
-            if scores[e] is None:
-                scores[e] = recorders[e].score(figures)
-        if all(score is not None for score in scores):
+        step = env.step(team(observations, env.alive))
+        _take_down(recorder, env, step, live)
+        ended = [e for e in step.finished if e not in scores]
+        scores |= {e: recorder.score(e, step.finished[e]) for e in ended}
+        if len(scores) == len(seeds):
             break
-        ended = [e for e, score in enumerate(scores) if score is not None]
-        if ended:  # others go on: the ended ones idle in an episode that nobody scores
-            env.reset([seeds[e] for e in step.finished], environments=list(step.finished))
-        observations = env.simulation.observations
+        if ended:
+            live = np.array([e for e in live.tolist() if e not in scores])
+        observations = step.last
+        if step.finished:  # others go on: the ended ones idle in an episode that nobody scores
+            again = list(step.finished)
+            observations = env.reset([seeds[e] for e in again], environments=again)
         if progress is not None:
             progress((cycle + 1) / match.max_cycles)
-    return [score for score in scores if score is not None]
+    return [scores[e] for e in range(len(seeds))]
 
 
-def _instants(env: BatchHandoff) -> list[Instant]:
-    truth = env.simulation.gather("target")[:, :, 0:3]
-    estimate = env.simulation.gather("estimate")
-    seen = np.asarray(env.simulation.gather("visible").any(axis=1))
-    known = np.asarray(np.isfinite(estimate[:, :, ESTIMATE["last_seen"]]))
-    positions = estimate[:, :, ESTIMATE["p"]]
-    return [Instant(truth[e], positions[e], known[e], seen[e]) for e in range(len(truth))]
+def _take_down(recorder: RecorderRows, env: BatchHandoff, step: BatchStep, live: np.ndarray) -> None:
+    estimate = env.simulation.gather("estimate")[live]
+    recorder.add(
+        live,
+        step.rewards[live],
+        env.simulation.gather("target")[live, :, 0:3],
+        estimate[:, :, ESTIMATE["p"]],
+        np.isfinite(estimate[:, :, ESTIMATE["last_seen"]]),
+        env.simulation.gather("visible")[live].any(axis=1),
+    )

@@ -12,7 +12,7 @@ import numpy as np
 from camnet.evaluation.set_metrics import IdentityCounter, gospa, ospa
 from camnet.types import Array, BoolArray
 
-__all__ = ["METRICS", "EpisodeRecorder", "Instant", "Metric", "Score"]
+__all__ = ["METRICS", "EpisodeRecorder", "Instant", "Metric", "Score", "score_of"]
 
 #: one episode's figures; a figure that an episode does not have (no handoff was attempted) is NaN
 Score = dict[str, float]
@@ -95,27 +95,35 @@ class EpisodeRecorder:
 
     def score(self, episode: Mapping[str, Any]) -> Score:
         """Put the episode's figures together; ``episode`` is what the environment reports at its end."""
-        handoffs = episode["handoffs"]
         sets = np.mean(self._sets, axis=0) if self._sets else (math.nan, math.nan)
-        return {
+        own = {
             "return": self._return,
-            "time_in_view": float(episode["time_in_view"]),
-            "handoff_success": handoffs["completed"] / handoffs["attempted"]
-            if handoffs["attempted"]
-            else math.nan,
-            "reacquisition_delay_s": _number(episode["reacquisition_delay_s"]["mean"]),
             "position_rmse_seen_m": _rms(self._squares[True]),
             "position_rmse_unseen_m": _rms(self._squares[False]),
             "ospa_m": float(sets[0]),
             "gospa_m": float(sets[1]),
             "id_switches": float(self._identity.switches),
-            "control_effort_m2ps": float(episode["control_effort_m2ps"]),
-            "least_agent_distance_m": _number(episode["least_agent_distance_m"]),
-            "collisions": float(episode["collisions"]),
-            "region_exits": float(episode["region_exits"]),
-            "dwell_violations": _number(episode.get("dwell_violations")),
-            "certificate_violations": _number(episode.get("certificate_violations")),
         }
+        return score_of(episode, own)
+
+
+def score_of(episode: Mapping[str, Any], own: Mapping[str, float]) -> Score:
+    """Score from what the environment reports at an episode's end and what a recorder has taken down."""
+    handoffs = episode["handoffs"]
+    attempted = handoffs["attempted"]
+    found = {
+        "time_in_view": float(episode["time_in_view"]),
+        "handoff_success": handoffs["completed"] / attempted if attempted else math.nan,
+        "reacquisition_delay_s": _number(episode["reacquisition_delay_s"]["mean"]),
+        "control_effort_m2ps": float(episode["control_effort_m2ps"]),
+        "least_agent_distance_m": _number(episode["least_agent_distance_m"]),
+        "collisions": float(episode["collisions"]),
+        "region_exits": float(episode["region_exits"]),
+        "dwell_violations": _number(episode.get("dwell_violations")),
+        "certificate_violations": _number(episode.get("certificate_violations")),
+        **own,
+    }
+    return {name: found[name] for name in METRICS}
 
 
 def _number(value: float | None) -> float:

@@ -80,6 +80,10 @@ class IdentityCounter:
                 free_columns.discard(column)
         self._match_rest(distance, sorted(free_rows), sorted(free_columns), labels)
 
+    def partner_of(self, row: int) -> int:
+        """Label that target ``row`` was matched with last (-1: never)."""
+        return self._partner.get(row, -1)
+
     def _match_rest(self, distance: Array, rows: list[int], columns: list[int], labels: list[int]) -> None:
         if not rows or not columns:
             return
