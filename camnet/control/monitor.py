@@ -82,7 +82,6 @@ class DisturbanceMonitor:
         n, k = self._n, self._count
         if n == 0:
             return
-        self._dt[k] = after.t_s - before.t_s
         r = control.reference
         record_period(
             k,
@@ -100,6 +99,21 @@ class DisturbanceMonitor:
             r.v_world,
             r.w_cam,
         )
+        self.ended(after.t_s - before.t_s)
+
+    @property
+    def place(self) -> int:
+        """Where the kernels of `camnet.control.period_kernel` write the present period in ``buffers``."""
+        return self._count
+
+    @property
+    def buffers(self) -> tuple[Array, Array, Array, Array]:
+        """Truth (K,N,14), command (K,N,6), error (K,N,6), reference (K,N,13) of the periods not yet judged."""
+        return self._buffers
+
+    def ended(self, dt_s: float) -> None:
+        """Note that the present period, which lasted ``dt_s``, is written."""
+        self._dt[self._count] = dt_s
         self._count += 1
         if self._count == _CHUNK:
             self._judge()

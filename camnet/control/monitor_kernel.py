@@ -16,7 +16,9 @@ from camnet.types import Array
 __all__ = [
     "advance_envelopes",
     "realised_disturbance",
+    "record_end",
     "record_period",
+    "record_start",
     "row_norms",
     "run_periods",
     "without_slip",
@@ -128,6 +130,42 @@ def record_period(
         for i in range(4):
             truth[k, n, 3 + i], truth[k, n, 10 + i] = before_q[n, i], after_q[n, i]
             reference[k, n, 3 + i] = q_d[n, i]
+
+
+@njit(cache=True)
+def record_start(
+    k: int,
+    truth: Array,
+    command: Array,
+    error: Array,
+    reference: Array,
+    cameras: Array,
+    asked: Array,
+    rows: Array,
+) -> None:
+    """Put what is known when period ``k`` begins into the arrays that `run_periods` judges.
+
+    ``cameras`` (N,13) are p, q, v, w; ``asked`` (4,N,3) as of `camnet.control.sliding_mode_kernel`, ``rows`` (N,20) as
+    of `camnet.control.reference_kernel.step_all`.
+    """
+    for n in range(truth.shape[1]):
+        for i in range(7):
+            truth[k, n, i] = cameras[n, i]
+        for i in range(3):
+            command[k, n, i], command[k, n, 3 + i] = asked[0, n, i], asked[1, n, i]
+            error[k, n, i], error[k, n, 3 + i] = asked[2, n, i], asked[3, n, i]
+            reference[k, n, i], reference[k, n, 7 + i] = rows[n, i], rows[n, 3 + i]
+            reference[k, n, 10 + i] = rows[n, 17 + i]
+        for i in range(4):
+            reference[k, n, 3 + i] = rows[n, 13 + i]
+
+
+@njit(cache=True)
+def record_end(k: int, truth: Array, cameras: Array) -> None:
+    """Put the cameras (N,13) at the end of period ``k`` into the arrays that `run_periods` judges."""
+    for n in range(truth.shape[1]):
+        for i in range(7):
+            truth[k, n, 7 + i] = cameras[n, i]
 
 
 @njit(cache=True)

@@ -202,6 +202,20 @@ class ReferenceGenerator:
             new[i, :9] = detour.step(rows[i, :9], new[i, :9], goals[i])
         return ReferenceState(new)
 
+    @property
+    def plain(self) -> bool:
+        """Whether goals depend on setpoints alone: nothing stands in a region, and no region is a polygon."""
+        return not self._paths and not self._detours
+
+    @property
+    def packed(self) -> tuple[Array | IntArray | float, ...]:
+        """What `camnet.control.reference_kernel.step_all` takes after the setpoints."""
+        return (*self._bounds, self._limits, self._gaze_limits, self._dt, self._yaw)
+
+    def aim(self, setpoint_p: Array) -> Array:
+        """Nearest admissible points (N,3) to setpoints (N,3); the same array each time, if `plain`."""
+        return self._aim(setpoint_p, setpoint_p)
+
     def reference(self, state: ReferenceState) -> Reference:
         """Pose and exact velocity of the references in ``state``."""
         r = state.rows

@@ -122,6 +122,11 @@ class SlidingModeController:
         self._gains = np.array([s.k1_per_s, s.d_bar_mps, s.d_bar_radps, s.boundary_layer])
         self._code = SWITCHING_CODE[s.switching]
 
+    @property
+    def packed(self) -> tuple[Array, int]:
+        """Gains and switching function, as `camnet.control.sliding_mode_kernel` takes them."""
+        return self._gains, self._code
+
     def control(self, p_world: Array, q_world: Array, reference: Reference) -> CameraControl:
         """Velocity commands for cameras at ``p_world`` (N,3), ``q_world`` (N,4, either sign)."""
         r = reference

@@ -118,6 +118,22 @@ class VectorFieldMotion:
             return planar_state(end[0], end[1], 0.0, end[2], end[3], end[4], end[2:])
         return self._step(x, y, theta, v, w, dt_s)
 
+    def path(self, state: TargetState, dt_s: float, count: int) -> Array:
+        """Return ``count`` states ahead, as `step` makes them: rows of p, q, v, w and ``internal``, (count, 16)."""
+        x, y, _ = state.p_world.tolist()
+        theta, v, w = state.internal.tolist()
+        if isinstance(self.field, LoopField):
+            c, f = self.field.curve, self.field
+            shape = (f.attraction_per_m, f.speed_mps, f.modulation)
+            curve = (c.knots, c.coefficients, c.samples, c.sample_u)
+            return np.asarray(_path_on_loop((x, y, theta, v, w), dt_s, self._limits(), *curve, shape, count))
+        rows = np.empty((count, 16))
+        for row in rows:
+            state = self._step(*state.p_world[:2].tolist(), *state.internal.tolist(), dt_s)
+            parts = (state.p_world, state.q_world, state.v_world, state.w_body, state.internal)
+            row[:] = np.concatenate(parts)
+        return rows
+
     def _step(self, x: float, y: float, theta: float, v: float, w: float, dt_s: float) -> TargetState:
         """Do it for any field, readably; `_step_on_loop` is the compiled twin for loops."""
         if self.drive.lag_s > 0.0:
@@ -225,3 +241,27 @@ def _step_on_loop(
     if lag <= 0.0:
         v_next, w_next = _command_on_loop(x, y, theta, limits, knots, coefficients, samples, sample_u, shape)
     return x, y, theta, v_next, w_next
+
+
+@njit(cache=True)
+def _path_on_loop(
+    now: tuple[float, float, float, float, float],
+    dt: float,
+    limits: tuple[float, float, float, float, float, float],
+    knots: Array,
+    coefficients: Array,
+    samples: Array,
+    sample_u: Array,
+    shape: tuple[float, float, float],
+    count: int,
+) -> Array:
+    """States after 1 ... ``count`` steps: `camnet.motion.protocol.planar_state` in rows, (count, 16)."""
+    rows = np.zeros((count, 16))
+    for row in rows:
+        now = _step_on_loop(now, dt, limits, knots, coefficients, samples, sample_u, shape)
+        x, y, theta, v, w = now
+        row[0], row[1] = x, y
+        row[3], row[6] = math.cos(0.5 * theta), math.sin(0.5 * theta)
+        row[7], row[8], row[12] = v * math.cos(theta), v * math.sin(theta), w
+        row[13], row[14], row[15] = theta, v, w
+    return rows

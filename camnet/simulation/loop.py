@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camnet.control.autopilot import Autopilot
 from camnet.control.monitor import DisturbanceMonitor
 from camnet.control.references import ReferenceGenerator
 from camnet.control.sliding_mode import SlidingModeController
@@ -35,7 +36,7 @@ from camnet.simulation.models import start_from
 from camnet.simulation.network import Network
 from camnet.simulation.statistics import RunStatistics
 from camnet.types import Array, BoolArray, Pose, PoseMeasurement, Snapshot, Twist
-from camnet.world.protocol import CameraCommand, Foresees, World
+from camnet.world.protocol import CameraCommand, Foresees, Steers, World
 
 __all__ = ["FilterMaker", "NetworkSimulation", "Setpoints"]
 
@@ -108,6 +109,7 @@ class NetworkSimulation:
         self._sensor = build_sensor(scenario.sensing, network.cameras, features, self.world.render)
         self._past: deque[Snapshot] = deque(maxlen=_frames_late(scenario.sensing) + 2)
         self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
+        self._autopilot = self._build_autopilot()
         self.filters: dict[str, list[TargetFilter]] = {
             name: self._build_filters(name) for name in self.filter_names
         }
@@ -129,6 +131,13 @@ class NetworkSimulation:
         self._next_plan_s = -math.inf
         self.statistics = RunStatistics(self, self._certificates)
         self._sense()
+
+    def _build_autopilot(self) -> Autopilot | None:
+        """Return what flies the agents in compiled code; None where the parts have to be asked one by one."""
+        able = isinstance(self.world, Steers) and self.world.can_steer and self._references.plain
+        if self.network.n_agents == 0 or not able:
+            return None
+        return Autopilot(self._references, self._controller, self.disturbance, self._reference_state)
 
     def _build_filters(self, name: str) -> list[TargetFilter]:
         network, scenario = self.network, self.network.scenario
@@ -171,8 +180,25 @@ class NetworkSimulation:
 
     def advance(self, setpoints: Setpoints) -> None:
         """Run one decision period under constant setpoints."""
+        if self._autopilot is not None and isinstance(self.world, Steers):
+            self._fly(self.world, self._autopilot, setpoints)
+            return
         for _ in range(self.decide_every):
             self._control_step(setpoints)
+            if self.count % self.sense_every == 0:
+                self._sense()
+
+    def _fly(self, world: Steers, autopilot: Autopilot, setpoints: Setpoints) -> None:
+        """Do what `_control_step` does, all periods up to the next sensing in a row."""
+        autopilot.ask(setpoints.p_world, setpoints.gaze_rad)
+        left = self.decide_every
+        while left > 0:
+            periods = min(left, self.sense_every - self.count % self.sense_every)
+            flown = world.fly(autopilot, periods)
+            left -= periods
+            self.count += periods
+            self.snapshot = flown.snapshot
+            self.statistics.after_flight(self, flown)
             if self.count % self.sense_every == 0:
                 self._sense()
 
@@ -202,7 +228,7 @@ class NetworkSimulation:
 
     def reference_p_world(self, j: int) -> Array:
         """Return the present position reference (3,) of agent ``j``, m."""
-        return np.asarray(self._reference_state.p_world[j])
+        return np.array(self._reference_state.p_world[j])
 
     def _sense(self) -> None:
         snapshot = self.snapshot

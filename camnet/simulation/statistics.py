@@ -14,6 +14,7 @@ from camnet.estimation.protocol import TargetFilter
 from camnet.geometry.spacing import least_distance
 from camnet.simulation.metrics import ErrorRecord, delay_summary
 from camnet.types import Snapshot
+from camnet.world.protocol import Flown
 
 if TYPE_CHECKING:
     from camnet.simulation.loop import NetworkSimulation
@@ -56,14 +57,26 @@ class RunStatistics:
     def after_control(self, simulation: NetworkSimulation) -> None:
         """Count collisions and exits (each once, when it starts), effort and distances between agents."""
         snapshot: Snapshot = simulation.snapshot
-        if snapshot.collisions or self._touching:
-            touching = set(snapshot.collisions)
-            self.collisions += [(snapshot.t_s, a, b) for a, b in sorted(touching - self._touching)]
-            self._touching = touching
+        self._touch(snapshot.t_s, snapshot.collisions)
         if simulation.network.n_agents:
             self.effort += simulation.control_dt_s * float(
                 np.vdot(snapshot.agent_v_world, snapshot.agent_v_world)
             )
+
+    def after_flight(self, simulation: NetworkSimulation, flown: Flown) -> None:
+        """Do what `after_control` does, for several periods."""
+        for t_s, pairs in flown.contacts:
+            self._touch(t_s, pairs)
+        if not flown.contacts:
+            self._touch(simulation.snapshot.t_s, ())
+        self.effort += simulation.control_dt_s * flown.square_m2ps2
+
+    def _touch(self, t_s: float, pairs: tuple[tuple[str, str], ...]) -> None:
+        """Count the collisions that begin now."""
+        if pairs or self._touching:
+            touching = set(pairs)
+            self.collisions += [(t_s, a, b) for a, b in sorted(touching - self._touching)]
+            self._touching = touching
 
     def after_sense(self, simulation: NetworkSimulation) -> None:
         """Record errors, view time and the switching signals of every target."""

@@ -10,14 +10,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from camnet.types import Array, BoolArray, Snapshot
 
-__all__ = ["CameraCommand", "Foresees", "World"]
+if TYPE_CHECKING:
+    from camnet.control.autopilot import Autopilot
+
+__all__ = ["CameraCommand", "Flown", "Foresees", "Steers", "World"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -109,4 +112,39 @@ class Foresees(Protocol):
 
     def foresee(self, target: int, t_s: Array) -> tuple[Array, Array]:
         """Poses (K, 3), (K, 4) that a target will have at times (K,), or had, since the last reset."""
+        ...
+
+
+class Flown(NamedTuple):
+    """What came of several control periods: the truth after them, and what is counted in each.
+
+    Attributes
+    ----------
+    snapshot : the truth at the end; its collisions are those of the last period
+    square_m2ps2 : squared speeds of all agents at the ends of all periods, added up, m^2/s^2
+    contacts : time, s, and pairs that touched of every period; empty if nothing touched in any
+    """
+
+    snapshot: Snapshot
+    square_m2ps2: float
+    contacts: tuple[tuple[float, tuple[tuple[str, str], ...]], ...]
+
+
+@runtime_checkable
+class Steers(Protocol):
+    """A world whose agents can fly several control periods by themselves."""
+
+    @property
+    def can_steer(self) -> bool:
+        """Whether `fly` can be used here; it does what `World.step` does with the autopilot's commands."""
+        ...
+
+    def fly(self, autopilot: Autopilot, periods: int) -> Flown:
+        """Advance by ``periods`` control periods, each under the command that the autopilot gives at its start.
+
+        Raises
+        ------
+        SimulationError
+            As in `World.step`.
+        """
         ...

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 
 import numpy as np
 import pybullet as pb
 
+from camnet.control.autopilot import Autopilot
 from camnet.control.flight_kernel import begin_period, end_period
+from camnet.control.period_kernel import begin_flight, continue_flight
 from camnet.control.quadrotor import QuadrotorModel
 from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed, turn_gimbals
 from camnet.types import Array
@@ -85,10 +88,12 @@ class Flight:
         self._mean_wind = np.tile(np.array(wind.mean_mps), (n, 1))
         if wind.gust_std_mps > 0:
             self._gust = rng.normal(scale=wind.gust_std_mps, size=(n, 3))
+        self.bodies, self._before = np.zeros((n, 13)), np.zeros((n, 13))
+        self._write = struct.Struct(f"{13 * n}d").pack_into
         self._read()
-        self._before = self.bodies
 
     def _read(self) -> None:
+        """Poses and velocities from the engine into ``bodies``."""
         c, position, velocity = self._engine.client, pb.getBasePositionAndOrientation, pb.getBaseVelocity
         flat: list[float] = []
         for b in self._numbers:
@@ -98,7 +103,7 @@ class Flight:
             flat += q
             flat += v
             flat += w
-        self.bodies = np.array(flat).reshape(-1, 13)
+        self._write(self.bodies, 0, *flat)
 
     def _wind(self, wind: WindSettings, dt: float) -> Array:
         """Mean wind plus a first-order Gauss-Markov gust of each agent, (N,3)."""
@@ -150,9 +155,54 @@ class Flight:
                     touched |= self._engine.contacts()
             else:
                 self._push(self.bodies[:, :3].tolist())
-            self._before = self.bodies
+            self._before[...] = self.bodies
             self._read()
         return touched
+
+    def begin(self, autopilot: Autopilot, motion: Array, radius: float, balls: Array, targets: Array) -> int:
+        """Take the autopilot's command for the next control period; result and ``radius``, ``balls`` as in `hold`.
+
+        ``motion`` is what `observe` or `end` last gave, ``targets`` (M,13) where the centres of ``balls`` are.
+        """
+        return int(
+            begin_flight(
+                autopilot.monitor.place,
+                *autopilot.packed,
+                self.bodies,
+                self.memory,
+                self._command,
+                self._constants,
+                self._wrench,
+                motion,
+                balls,
+                targets,
+                self._wind(self._physics.wind, self._control_dt_s),
+                radius,
+                _REACH_M,
+            )
+        )
+
+    def end(
+        self, autopilot: Autopilot, motion: Array, offset_body: Array, fixed: Array, start_p: Array
+    ) -> tuple[int, float]:
+        """End a control period of the autopilot: as `observe`, into ``motion``; and the sum of squared speeds."""
+        limits = self._physics
+        unsound, square = continue_flight(
+            autopilot.monitor.place,
+            autopilot.monitor.buffers[0],
+            self.bodies,
+            self._before,
+            self.memory,
+            self._command,
+            self._constants,
+            motion,
+            offset_body,
+            fixed,
+            start_p,
+            limits.range_limit_m,
+            limits.speed_limit_mps,
+        )
+        return unsound, square
 
     def observe(self, offset_body: Array, fixed: Array, start_p: Array) -> tuple[int, Array]:
         """End a control period; see `camnet.control.flight_kernel.end_period`."""

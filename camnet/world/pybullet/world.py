@@ -16,16 +16,17 @@ from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
 from camnet.types import Array, BoolArray, Snapshot
 from camnet.world.description import WorldDescription
 from camnet.world.foresight import Foresight
-from camnet.world.protocol import CameraCommand
+from camnet.world.protocol import CameraCommand, Flown
 from camnet.world.pybullet.engine import Engine, xyzw
 from camnet.world.pybullet.flight import Flight
 from camnet.world.pybullet.kinematic import KinematicMotion
 from camnet.world.pybullet.picture import picture, projection_matrix, view_matrix
 from camnet.world.pybullet.scene import build_scene
 from camnet.world.pybullet.sight import rays_clear
+from camnet.world.targets import Targets
 
 if TYPE_CHECKING:
-    from camnet.motion.protocol import TargetState
+    from camnet.control.autopilot import Autopilot
 
 __all__ = ["PyBulletWorld"]
 
@@ -33,12 +34,6 @@ __all__ = ["PyBulletWorld"]
 def _ball(size_m: tuple[float, float, float]) -> float:
     """Radius of the ball about the foot of a target's box that holds it, m."""
     return math.hypot(0.5 * size_m[0], 0.5 * size_m[1], size_m[2])
-
-
-def _stack(rows: list[Array], width: int) -> Array:
-    if len(rows) == 1:
-        return rows[0][None]
-    return np.array(rows, dtype=float).reshape(len(rows), width)
 
 
 class PyBulletWorld:
@@ -62,7 +57,7 @@ class PyBulletWorld:
         self._offset = np.array(d.physics.gimbal.offset_m)
         self._yaw = np.array([a.start_yaw_rad for a in d.agents])
         self._body_q = from_yaw(self._yaw).reshape(len(d.agents), 4)
-        self._camera_p = _stack([a.start_p_world for a in d.agents], 3)
+        self._camera_p = np.array([a.start_p_world for a in d.agents], dtype=float).reshape(-1, 3)
         self._start_p = self._camera_p - rotate(
             self._body_q, np.broadcast_to(self._offset, self._camera_p.shape)
         )
@@ -77,6 +72,7 @@ class PyBulletWorld:
         self._engine = Engine(d.physics, 1 if self._is_kinematic else d.flight_substeps)
         self._flight = Flight(self._engine, d.physics, self.control_dt_s, d.flight_substeps)
         self._kinematic = KinematicMotion(self._engine, d.physics, d.substeps)
+        self._targets = Targets(self.target_names, [t.motion for t in d.targets], self.control_dt_s)
         self._snapshot: Snapshot | None = None
 
     def reset(self, rng: np.random.Generator) -> Snapshot:
@@ -85,12 +81,10 @@ class PyBulletWorld:
         self._engine.restart()
         self._scene = build_scene(self._engine, self.description)
         air_rng, *target_rngs = rng.spawn(1 + len(self.target_names))
-        self._target_rngs = target_rngs
-        motions = (t.motion for t in self.description.targets)
-        self._targets: list[TargetState] = [m.reset(g) for m, g in zip(motions, target_rngs, strict=True)]
+        states = self._targets.reset(target_rngs)
         self._step, self._t_s = 0, 0.0
         laws = [t.motion for t in self.description.targets]
-        self._foresight = Foresight(laws, self._targets, target_rngs, self.control_dt_s)
+        self._foresight = Foresight(laws, states, target_rngs, self.control_dt_s)
         if self._is_kinematic:
             camera_q = multiply(self._body_q, STRAIGHT_DOWN).reshape(-1, 4)
             start = (self._start_p, self._body_q, self._camera_p, camera_q, air_rng)
@@ -99,27 +93,54 @@ class PyBulletWorld:
             self._flight.reset(self._scene.agents, self._start_p, self._yaw, self._body_q, air_rng)
         self._placed = False
         self._sync_targets()
-        return self._observe(())
+        return self._observe((), self._motion_now())
 
     def step(self, command: CameraCommand) -> Snapshot:
         """Advance by one control period; see the protocol."""
         self._check_shapes(command)
         watch = self._hold(command)
-        self._move_targets()
-        if watch:
-            self._sync_targets()
+        self._move_targets(watch)
         touched = self._kinematic.step() if self._is_kinematic else self._flight.step(watch)
+        self._count_steps()
+        return self._observe(tuple(sorted(touched)) if touched else (), self._motion_now())
+
+    @property
+    def can_steer(self) -> bool:
+        """Whether agents are bodies with an inner loop, and not moved as commanded."""
+        return not self._is_kinematic
+
+    def fly(self, autopilot: Autopilot, periods: int) -> Flown:
+        """Advance by several control periods of an autopilot; see the protocol."""
+        flight, targets = self._flight, self._targets
+        motion, square = self._motion.copy(), 0.0
+        contacts: list[tuple[float, tuple[tuple[str, str], ...]]] = []
+        for _ in range(periods):
+            found = flight.begin(autopilot, motion, self._agent_radius, self._balls, targets.now)
+            if found == INVALID:
+                raise SimulationError(f"step {self._step}: a command is not finite: motion {motion}")
+            watch = found != 0 or self._can_always_touch
+            self._move_targets(watch)
+            touched, before_s = flight.step(watch), self._t_s
+            self._count_steps()
+            unsound, squares = flight.end(autopilot, motion, self._offset, self._fixed, self._start_p)
+            if unsound >= 0:
+                self._diverged(unsound, flight.bodies)
+            square += squares
+            autopilot.monitor.ended(self._t_s - before_s)
+            contacts.append((self._t_s, tuple(sorted(touched)) if touched else ()))
+        snapshot = self._observe(contacts[-1][1] if contacts else (), motion)
+        return Flown(snapshot, square, tuple(contacts) if any(pairs for _, pairs in contacts) else ())
+
+    def _count_steps(self) -> None:
         self._step += self.description.substeps
         self._t_s = self._step / self.description.physics.step_hz
-        return self._observe(tuple(sorted(touched)) if touched else ())
 
     def _hold(self, command: CameraCommand) -> bool:
         """Take the command; whether anything may touch in its period, by distances and speeds alone."""
         if self._is_kinematic:
             found = 1 if self._kinematic.hold(command) else INVALID
         else:
-            for ball, state in zip(self._balls, self._targets, strict=True):
-                ball[:3] = state.p_world
+            self._balls[:, :3] = self._targets.now[:, :3]
             found = self._flight.hold(command, self._agent_radius, self._balls)
         if found == INVALID:
             self._name_what_is_not_finite(command)
@@ -162,25 +183,21 @@ class PyBulletWorld:
             f"{limits.speed_limit_mps:g} m/s)"
         )
 
-    def _move_targets(self) -> None:
-        dt, t = self.control_dt_s, self._t_s
-        for k, target in enumerate(self.description.targets):
-            state = target.motion.step(self._targets[k], t, dt, self._target_rngs[k])
-            self._targets[k] = state
-            if not math.isfinite(sum(state.p_world.tolist()) + sum(state.q_world.tolist())):
-                raise SimulationError(
-                    f"step {self._step}: pose of target {target.name!r} is not finite: {state.p_world}"
-                )
+    def _move_targets(self, watch: bool) -> None:
+        """Move the targets by a control period, and their bodies where something may touch them."""
+        self._targets.advance(self._t_s, self._step)
         self._placed = False
+        if watch:
+            self._sync_targets()
 
     def _sync_targets(self) -> None:
         """Put the targets' bodies where the targets are: only what touches, looks or draws needs them there."""
         if not self._placed:
             self._placed = True
-            for number, state in zip(self._scene.targets, self._targets, strict=True):
-                self._engine.place(number, state.p_world.tolist(), xyzw(state.q_world))
+            for number, state in zip(self._scene.targets, self._targets.now, strict=True):
+                self._engine.place(number, state[:3].tolist(), xyzw(state[3:7]))
 
-    def _motion(self) -> Array:
+    def _motion_now(self) -> Array:
         """Motion (N+C,13) of the agents, their cameras and the fixed ones, which rest."""
         if not self._is_kinematic:
             unsound, motion = self._flight.observe(self._offset, self._fixed, self._start_p)
@@ -193,8 +210,9 @@ class PyBulletWorld:
             self._diverged(unsound, bodies)
         return np.concatenate([body_motion(bodies), self._kinematic.camera, self._fixed])
 
-    def _observe(self, collisions: tuple[tuple[str, str], ...]) -> Snapshot:
-        n, motion, states = len(self.agent_names), self._motion(), self._targets
+    def _observe(self, collisions: tuple[tuple[str, str], ...], motion: Array) -> Snapshot:
+        n, targets = len(self.agent_names), self._targets.now
+        self._motion = motion
         bodies, cameras = motion[:n], motion[n:]
         self._snapshot = Snapshot(
             t_s=self._t_s,
@@ -207,10 +225,10 @@ class PyBulletWorld:
             camera_q_world=cameras[:, 3:7],
             camera_v_world=cameras[:, 7:10],
             camera_w_cam=cameras[:, 10:13],
-            target_p_world=_stack([s.p_world for s in states], 3),
-            target_q_world=_stack([s.q_world for s in states], 4),
-            target_v_world=_stack([s.v_world for s in states], 3),
-            target_w_body=_stack([s.w_body for s in states], 3),
+            target_p_world=targets[:, :3],
+            target_q_world=targets[:, 3:7],
+            target_v_world=targets[:, 7:10],
+            target_w_body=targets[:, 10:13],
             collisions=collisions,
         )
         self._boxes_fresh = False
