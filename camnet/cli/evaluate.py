@@ -19,6 +19,7 @@ adate, ekf, oracle, auction, nearest, static, random) or policy files that `camn
 
   camnet evaluate --world quickstart --agents learned,ekf,nearest --episodes 20
   camnet evaluate --world quickstart,loop_8 --agents learned,runs/train/policy.npz --episodes 200 --out runs/scores
+  camnet evaluate --world camnet/Handoff-Failures-v0 --agents learned,auction,ekf --episodes 50
 
 With --out: result.json, table.md, report.html, episodes/ (one line an episode; the same command goes on where it
 was stopped), and with --videos the best and worst episode of the reference on each world."""
@@ -32,7 +33,12 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--world", required=True, metavar="W,W", help="worlds, comma-separated")
+    parser.add_argument(
+        "--world",
+        required=True,
+        metavar="W,W",
+        help="worlds, or registered ids such as camnet/Handoff-Failures-v0, comma-separated",
+    )
     parser.add_argument("--agents", required=True, metavar="A,A", help="agents, comma-separated")
     parser.add_argument("--episodes", type=int, default=20, metavar="N", help="episodes a world (default 20)")
     parser.add_argument(
@@ -46,7 +52,10 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--reference", metavar="A", help="compared with the others (default: the first agent)"
     )
     parser.add_argument(
-        "--back-end", choices=("pybullet", "batch"), default="pybullet", help="physics (default pybullet)"
+        "--back-end",
+        choices=("auto", "pybullet", "batch"),
+        default="auto",
+        help="physics (default auto: the batch back end where it has everything that is asked for)",
     )
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
     parser.add_argument(

@@ -11,7 +11,7 @@ import hashlib
 import json
 import multiprocessing
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +22,7 @@ import numpy as np
 from camnet import __version__
 from camnet.agents import estimator_of
 from camnet.evaluation.play import Match, play
-from camnet.evaluation.play_batch import play_together
+from camnet.evaluation.play_batch import can_play_together, play_together
 from camnet.evaluation.scores import METRICS, Score
 from camnet.evaluation.statistics import compare, interval
 from camnet.types import Array
@@ -30,7 +30,7 @@ from camnet.types import Array
 __all__ = ["Plan", "evaluate", "returns_of"]
 
 #: seeds that one task of a worker plays: long enough to be worth a start, short enough to be kept often
-_CHUNK = 5
+_CHUNK = {"pybullet": 5, "batch": 50}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Plan:
     matches : every agent on every world, agents of one world together
     seeds : common to all of them
     reference : the agent that the others are compared with
-    back_end : ``pybullet`` or ``batch``
+    back_end : ``pybullet``, ``batch``, or ``auto``: the batch for every match that it can play, else PyBullet
     jobs : processes
     seed : of the bootstrap
     """
@@ -50,9 +50,15 @@ class Plan:
     matches: tuple[Match, ...]
     seeds: tuple[int, ...]
     reference: str
-    back_end: str = "pybullet"
+    back_end: str = "auto"
     jobs: int = 2
     seed: int = 0
+
+    def settled(self) -> dict[Match, str]:
+        """Return the back end of every match."""
+        if self.back_end != "auto":
+            return dict.fromkeys(self.matches, self.back_end)
+        return {m: "batch" if can_play_together(m) else "pybullet" for m in self.matches}
 
 
 def evaluate(plan: Plan, folder: Path, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
@@ -61,12 +67,13 @@ def evaluate(plan: Plan, folder: Path, progress: Callable[[float], None] | None 
     Returns
     -------
     dict
-        ``{"episodes", "reference", "worlds": [{"world", "episodes", "agents", "comparisons"}]}``; for one world its
-        entry's fields stand at the top as well.
+        ``{"episodes", "reference", "worlds": [{"world", "episodes", "back_ends", "agents", "comparisons"}]}``; for one
+        world its entry's fields stand at the top as well.
     """
-    scores = _scores(plan, folder, progress)
+    back_ends = plan.settled()
+    scores = _scores(plan, back_ends, folder, progress)
     worlds = list(dict.fromkeys(match.world for match in plan.matches))
-    tables = [_table(plan, world, scores) for world in worlds]
+    tables = [_table(plan, world, scores, back_ends) for world in worlds]
     content: dict[str, Any] = {
         "episodes": len(plan.seeds),
         "back_end": plan.back_end,
@@ -79,68 +86,74 @@ def evaluate(plan: Plan, folder: Path, progress: Callable[[float], None] | None 
 
 def returns_of(plan: Plan, folder: Path, match: Match) -> Array:
     """Return of every episode that an evaluation has played and kept, in the order of its seeds."""
-    kept = _kept(folder, plan, match)
+    kept = _kept(folder, plan, match, plan.settled()[match])
     return np.array([kept[seed]["return"] for seed in plan.seeds])
 
 
 def _scores(
-    plan: Plan, folder: Path, progress: Callable[[float], None] | None
+    plan: Plan, back_ends: dict[Match, str], folder: Path, progress: Callable[[float], None] | None
 ) -> dict[Match, dict[int, Score]]:
     """Scores of all episodes, playing those that the folder does not hold."""
-    kept = {match: _kept(folder, plan, match) for match in plan.matches}
-    missing = {m: [s for s in plan.seeds if s not in kept[m]] for m in plan.matches}
-    tasks = [
-        (m, seeds[k : k + _chunk(plan)])
-        for m, seeds in missing.items()
-        for k in range(0, len(seeds), _chunk(plan))
-    ]
+    kept = {match: _kept(folder, plan, match, back_ends[match]) for match in plan.matches}
+    tasks = []
+    for match in plan.matches:
+        missing, size = [s for s in plan.seeds if s not in kept[match]], _CHUNK[back_ends[match]]
+        tasks += [
+            _Task(match, back_ends[match], tuple(missing[k : k + size])) for k in range(0, len(missing), size)
+        ]
     total = len(plan.matches) * len(plan.seeds)
-    finished = total - sum(len(seeds) for _, seeds in tasks)
-    for match, seeds, found in _played(plan, tasks):
-        for seed, score in zip(seeds, found, strict=True):
-            kept[match][seed] = score
-        _keep(folder, plan, match, dict(zip(seeds, found, strict=True)))
-        finished += len(seeds)
+    finished = total - sum(len(task.seeds) for task in tasks)
+    if progress is not None:
+        progress(finished / total)
+    for task, found in _played(plan.jobs, tasks):
+        fresh = dict(zip(task.seeds, found, strict=True))
+        kept[task.match] |= fresh
+        _keep(folder, task, fresh)
+        finished += len(fresh)
         if progress is not None:
             progress(finished / total)
     return kept
 
 
-def _chunk(plan: Plan) -> int:
-    return _CHUNK if plan.back_end == "pybullet" else -(-len(plan.seeds) // plan.jobs)
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """Some episodes of a match, for one worker."""
+
+    match: Match
+    back_end: str
+    seeds: tuple[int, ...]
 
 
-def _played(plan: Plan, tasks: Sequence[tuple[Match, list[int]]]) -> Any:  # noqa: ANN401 - a generator of tuples
+def _played(jobs: int, tasks: Sequence[_Task]) -> Iterator[tuple[_Task, list[Score]]]:
     """Yield finished tasks, in any order; results do not depend on it, every episode has a seed of its own."""
-    if plan.jobs == 1 or len(tasks) <= 1:
-        for match, seeds in tasks:
-            yield match, seeds, _play(plan.back_end, match, seeds)
+    if jobs == 1 or len(tasks) <= 1:
+        for task in tasks:
+            yield task, _play(task)
         return
-    _compile(plan.back_end, tasks)
-    with ProcessPoolExecutor(plan.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures: dict[Future[list[Score]], tuple[Match, list[int]]] = {
-            pool.submit(_play, plan.back_end, match, seeds): (match, seeds) for match, seeds in tasks
-        }
+    _compile(tasks)
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures: dict[Future[list[Score]], _Task] = {pool.submit(_play, task): task for task in tasks}
         for future in as_completed(futures):
-            match, seeds = futures[future]
-            yield match, seeds, future.result()
+            yield futures[future], future.result()
 
 
-def _compile(back_end: str, tasks: Sequence[tuple[Match, list[int]]]) -> None:
+def _compile(tasks: Sequence[_Task]) -> None:
     """Play a moment with every world and estimator, so that workers find all compiled: Numba's cache has no lock."""
-    kinds = {(m.world, estimator_of(m.agent)): (m, seeds[:1]) for m, seeds in tasks}
-    for match, seeds in kinds.values():
-        _play(back_end, replace(match, max_cycles=5), seeds)
+    kinds = {(task.match.world, estimator_of(task.match.agent), task.back_end): task for task in tasks}
+    for task in kinds.values():
+        _play(_Task(replace(task.match, max_cycles=5), task.back_end, task.seeds[:1]))
 
 
-def _play(back_end: str, match: Match, seeds: Sequence[int]) -> list[Score]:
-    return list(play(match, seeds)) if back_end == "pybullet" else play_together(match, seeds)
+def _play(task: _Task) -> list[Score]:
+    if task.back_end == "batch":
+        return play_together(task.match, task.seeds)
+    return list(play(task.match, task.seeds))
 
 
 # --- what is kept ------------------------------------------------------------------------------------------
 
 
-def _digest(plan: Plan, match: Match) -> str:
+def _digest(match: Match, back_end: str) -> str:
     agent: object = match.agent
     if match.agent.endswith(".npz"):
         agent = hashlib.sha256(Path(match.agent).read_bytes()).hexdigest()
@@ -149,7 +162,7 @@ def _digest(plan: Plan, match: Match) -> str:
         world = hashlib.sha256(Path(match.world).read_bytes()).hexdigest()
     what = [
         __version__,
-        plan.back_end,
+        back_end,
         agent,
         world,
         match.max_cycles,
@@ -165,9 +178,9 @@ def _path(folder: Path, match: Match) -> Path:
     return folder / "episodes" / f"{name}.jsonl"
 
 
-def _kept(folder: Path, plan: Plan, match: Match) -> dict[int, Score]:
+def _kept(folder: Path, plan: Plan, match: Match, back_end: str) -> dict[int, Score]:
     """Episodes that are there already; a line that a stopped run left half-written is passed over."""
-    path, digest, found = _path(folder, match), _digest(plan, match), {}
+    path, digest, found = _path(folder, match), _digest(match, back_end), {}
     if not path.is_file():
         return {}
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -182,8 +195,8 @@ def _kept(folder: Path, plan: Plan, match: Match) -> dict[int, Score]:
     return {seed: score for seed, score in found.items() if seed in plan.seeds}
 
 
-def _keep(folder: Path, plan: Plan, match: Match, scores: dict[int, Score]) -> None:
-    path, digest = _path(folder, match), _digest(plan, match)
+def _keep(folder: Path, task: _Task, scores: dict[int, Score]) -> None:
+    path, digest = _path(folder, task.match), _digest(task.match, task.back_end)
     path.parent.mkdir(parents=True, exist_ok=True)
     torn = path.is_file() and not path.read_bytes().endswith(b"\n")  # a stopped run's half line
     with path.open("a", encoding="utf-8") as file:
@@ -196,7 +209,9 @@ def _keep(folder: Path, plan: Plan, match: Match, scores: dict[int, Score]) -> N
 # --- tables ------------------------------------------------------------------------------------------
 
 
-def _table(plan: Plan, world: str, scores: dict[Match, dict[int, Score]]) -> dict[str, Any]:
+def _table(
+    plan: Plan, world: str, scores: dict[Match, dict[int, Score]], back_ends: dict[Match, str]
+) -> dict[str, Any]:
     """Figures of all agents on one world, and each beside the reference."""
     matches = {m.agent: m for m in plan.matches if m.world == world}
     rng = np.random.default_rng(plan.seed)
@@ -216,7 +231,13 @@ def _table(plan: Plan, world: str, scores: dict[Match, dict[int, Score]]) -> dic
         for agent, row in columns.items()
         if ours is not None and agent != plan.reference
     }
-    return {"world": world, "episodes": len(plan.seeds), "agents": agents, "comparisons": comparisons}
+    return {
+        "world": world,
+        "episodes": len(plan.seeds),
+        "back_ends": {agent: back_ends[match] for agent, match in matches.items()},
+        "agents": agents,
+        "comparisons": comparisons,
+    }
 
 
 def _column(plan: Plan, scores: dict[int, Score], name: str) -> Array:

@@ -11,6 +11,7 @@ from camnet.cli.main import main
 from camnet.evaluation.scores import METRICS
 
 SHORT = ["evaluate", "--world", "quickstart", "--agents", "static,random", "--cycles", "20", "--quiet"]
+SHORT += ["--back-end", "pybullet"]
 
 
 def run(capsys: pytest.CaptureFixture[str], *more: str) -> dict:
