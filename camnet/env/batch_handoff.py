@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from camnet.batch.frozen_model import FrozenModel, load_frozen
 from camnet.batch.loop import REWARD, TERMINATED, TIME
 from camnet.batch.network import Shown
-from camnet.batch.simulation import BatchSimulation
+from camnet.batch.simulation import FILTERS, BatchSimulation
 from camnet.batch.state import CYCLE, RETURN
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
@@ -45,7 +45,7 @@ from camnet.errors import ConfigError
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array, BoolArray, IntArray
 
-__all__ = ["BatchHandoff", "BatchStep"]
+__all__ = ["BatchHandoff", "BatchStep", "batch_filter"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,7 +83,8 @@ class BatchHandoff:
         whose options then are the defaults
     environments : E
     overrides : settings to change, as ``key=value``
-    filter_name : ``learned``, ``frozen``, ``ekf`` or ``oracle``: where the agents' estimates come from
+    filter_name : ``learned``, ``frozen``, ``ekf`` or ``oracle``: where the agents' estimates come from; with one target
+        also ``learned_shared``, which then is ``learned``
     model : for ``frozen``: what was learned before, or a file of learned models (default: a warm-up of 200 s)
     threads : how many threads work (default: one a processor)
     auto_reset : start the next episode as soon as one ends
@@ -125,7 +126,13 @@ class BatchHandoff:
         duration_s = self.max_cycles / scenario.run.decision_hz
         shown = _shown(self.settings, self._mode.in_world)
         self.simulation = BatchSimulation(
-            self.network, shown, environments, filter_name, held, threads, duration_s
+            self.network,
+            shown,
+            environments,
+            batch_filter(filter_name, self.network),
+            held,
+            threads,
+            duration_s,
         )
         self.layout = ObservationLayout(self.network.n_targets, self.simulation.model.neighbours)
         self._encoder = BeliefEncoder(self.network, self.layout)
@@ -269,6 +276,26 @@ class BatchHandoff:
     def close(self) -> None:
         """End the threads."""
         self.simulation.close()
+
+
+def batch_filter(name: str, network: Network) -> str:
+    """Return what the batch back end calls an estimator of `camnet.simulation.filters`.
+
+    Raises
+    ------
+    ConfigError
+        It has no such estimator, or not for so many targets.
+    """
+    if name == "learned_shared":
+        if network.n_targets == 1:
+            return "learned"  # nobody to share with
+        raise ConfigError(
+            f"filter_name = 'learned_shared' with {network.n_targets} targets: on the batch back end every target has a "
+            "model of its own"
+        )
+    if name not in FILTERS:
+        raise ConfigError(f"filter_name = {name!r}: the batch back end has {', '.join(FILTERS)}")
+    return name
 
 
 #: stands for the cameras where nobody asks where they are

@@ -8,9 +8,8 @@ import numpy as np
 
 from camnet.agents import estimator_of, network_contexts
 from camnet.agents.together import build_together
-from camnet.batch.simulation import FILTERS
 from camnet.batch.state import ESTIMATE
-from camnet.env.batch_handoff import BatchHandoff, BatchStep
+from camnet.env.batch_handoff import BatchHandoff, BatchStep, batch_filter
 from camnet.errors import ConfigError
 from camnet.evaluation.play import Match
 from camnet.evaluation.score_rows import RecorderRows
@@ -21,10 +20,10 @@ __all__ = ["can_play_together", "play_together"]
 
 def can_play_together(match: Match) -> bool:
     """Whether the batch back end has everything that a match asks for."""
-    if estimator_of(match.agent) not in FILTERS:
-        return False
     try:
-        _open(match, 1, 1, light=True).close()
+        env = _open(match, 1, 1, light=True)
+        env.close()
+        batch_filter(estimator_of(match.agent), env.network)
     except ConfigError:
         return False
     return True
