@@ -77,7 +77,8 @@ def update(oracle: Oracle, model: Model, state: State, e: int, m: int, t_s: floa
         return
     else:
         row[13] = 1.0 if t_s - row[14] <= LOST_PERIODS * model.sense_dt_s else 0.0
-    row[0:13] = state.target[e, m]
+    for i in range(13):
+        row[i] = state.target[e, m, i]
     oracle.at[e, m] = t_s
 
 

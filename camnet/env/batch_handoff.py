@@ -290,8 +290,8 @@ def batch_filter(name: str, network: Network) -> str:
         if network.n_targets == 1:
             return "learned"  # nobody to share with
         raise ConfigError(
-            f"filter_name = 'learned_shared' with {network.n_targets} targets: on the batch back end every target has a "
-            "model of its own"
+            f"filter_name = 'learned_shared' with {network.n_targets} targets: on the batch back end every target has "
+            "a model of its own"
         )
     if name not in FILTERS:
         raise ConfigError(f"filter_name = {name!r}: the batch back end has {', '.join(FILTERS)}")
