@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from camnet.agents.learned_kernel import FIELDS, act, pack_facts
 from camnet.agents.policy import Action, AgentContext
 from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, track
 from camnet.types import Array, TargetEstimate
@@ -18,22 +19,6 @@ from camnet.types import Array, TargetEstimate
 __all__ = ["Learned"]
 
 _UPRIGHT, _STILL = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
-
-
-#: first places of the fields of one target that the rule reads, in the layout's names
-_FIELDS = (
-    "seen_by_me",
-    "seen",
-    "inside",
-    "radius",
-    "coming",
-    "entry_radius",
-    "entry_time",
-    "position",
-    "velocity",
-    "entry_position",
-    "entry_velocity",
-)
 
 
 class Learned:
@@ -48,17 +33,25 @@ class Learned:
         self._context = context
         slices = context.layout.slices
         self._first = [
-            {name: slices[f"target_{m}.{name}"].start for name in _FIELDS}
+            {name: slices[f"target_{m}.{name}"].start for name in FIELDS}
             for m in range(context.layout.n_targets)
         ]
+        self._columns = np.array([list(first.values()) for first in self._first], dtype=np.int64)
+        self._facts, self._speeds = pack_facts(context), np.asarray(context.speeds, dtype=float)
         free = context.viewpoints
         self._rest = loiter(context.region, context.camera, context.controller) if free is None else free.rest
 
     def __call__(self, observation: NDArray[np.float32] | Mapping[str, NDArray[np.float32]]) -> Action:
         """Return the action for an observation."""
-        context = self._context
         if isinstance(observation, Mapping):
-            observation = np.concatenate([observation[name] for name in context.layout.slices])
+            observation = np.concatenate([observation[name] for name in self._context.layout.slices])
+        if self._facts is None or observation.dtype != np.float32:
+            return self.readable(observation)
+        return np.asarray(act(observation, self._columns, self._speeds, self._facts))
+
+    def readable(self, observation: NDArray[np.float32]) -> Action:
+        """Do what a call does, one named quantity at a time, in a region of any kind."""
+        context = self._context
         values = np.asarray(observation, dtype=float)
         return context.action(self._setpoint(values, values.tolist(), context.world(values[:3])))
 

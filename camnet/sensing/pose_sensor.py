@@ -18,7 +18,7 @@ from numba import njit
 
 from camnet.geometry.rotations_compiled import conjugate, exp, multiply, rotate
 from camnet.sensing.settings import SensingSettings
-from camnet.types import Array, BoolArray, CameraMotion, PoseMeasurement, Snapshot
+from camnet.types import Array, BoolArray, CameraMotion, IntArray, PoseMeasurement, Snapshot
 
 __all__ = ["PoseSensor", "camera_motion"]
 
@@ -28,9 +28,40 @@ _EARLY_S = 1e-9
 
 
 @njit(cache=True)
-def _relative_pose(p_c: Array, q_c: Array, p_m: Array, q_m: Array, noise: Array) -> tuple[Array, Array]:
+def _relative_pose(p_c: Array, q_c: Array, p_m: Array, q_m: Array, noise: Array, out: Array) -> None:
+    """Write the measured p_cam, q_cam to ``out`` (7,)."""
     inverse = conjugate(q_c)
-    return rotate(inverse, p_m - p_c) + noise[:3], multiply(exp(noise[3:]), multiply(inverse, q_m))
+    out[:3] = rotate(inverse, p_m - p_c) + noise[:3]
+    out[3:] = multiply(exp(noise[3:]), multiply(inverse, q_m))
+
+
+@njit(cache=True)
+def _measure(
+    visible: BoolArray,
+    kept: Array,
+    least: float,
+    normal: Array,
+    scale: Array,
+    camera_p: Array,
+    camera_q: Array,
+    target_p: Array,
+    target_q: Array,
+    out: Array,
+    pairs: IntArray,
+) -> int:
+    """Count of the measurements: their poses in the first rows of ``out`` (C M, 7), camera and target in ``pairs``.
+
+    A visible pair is measured where its ``kept`` (C, M) is at least ``least``; ``normal`` (C, M, 6) makes the noise.
+    """
+    count = 0
+    for c in range(visible.shape[0]):
+        for m in range(visible.shape[1]):
+            if visible[c, m] and kept[c, m] >= least:
+                pose = (camera_p[c], camera_q[c], target_p[m], target_q[m])
+                _relative_pose(*pose, normal[c, m] * scale, out[count])
+                pairs[count, 0], pairs[count, 1] = c, m
+                count += 1
+    return count
 
 
 class PoseSensor:
@@ -46,6 +77,9 @@ class PoseSensor:
         self._settings = settings
         self._shape = (n_cameras, n_targets)
         self._scale = np.repeat([settings.position_noise_m, settings.orientation_noise_rad], 3)
+        size = self._shape[0] * self._shape[1]
+        self._normal, self._kept = np.empty((*self._shape, 6)), np.empty(self._shape)
+        self._pairs: IntArray = np.empty((size, 2), dtype=np.int64)
         self._pending: deque[PoseMeasurement] = deque()
         self._last_frame = -1
 
@@ -81,21 +115,27 @@ class PoseSensor:
         return math.floor(t_s * self._settings.rate_hz + _EARLY)
 
     def _take(self, snapshot: Snapshot, visible: BoolArray, rng: np.random.Generator) -> None:
-        noise = rng.standard_normal((*self._shape, 6)) * self._scale
-        kept = visible & (rng.random(self._shape) >= self._settings.dropout_probability)
-        cameras, targets = kept.nonzero()  # in the order of camera, target
+        rng.standard_normal(out=self._normal)
+        rng.random(out=self._kept)
+        out = np.empty((self._kept.size, 7))
+        count = _measure(
+            visible,
+            self._kept,
+            self._settings.dropout_probability,
+            self._normal,
+            self._scale,
+            snapshot.camera_p_world,
+            snapshot.camera_q_world,
+            snapshot.target_p_world,
+            snapshot.target_q_world,
+            out,
+            self._pairs,
+        )
         motion, of = None, -1
-        for c, m in zip(cameras.tolist(), targets.tolist(), strict=True):
+        for (c, m), pose in zip(self._pairs[:count].tolist(), out[:count], strict=True):
             if motion is None or c != of:
                 motion, of = camera_motion(snapshot, c), c
-            p_cam, q_cam = _relative_pose(
-                motion.p_world,
-                motion.q_world,
-                snapshot.target_p_world[m],
-                snapshot.target_q_world[m],
-                noise[c, m],
-            )
-            self._pending.append(PoseMeasurement(snapshot.t_s, c, m, p_cam, q_cam, motion))
+            self._pending.append(PoseMeasurement(snapshot.t_s, c, m, pose[:3], pose[3:], motion))
 
 
 def camera_motion(snapshot: Snapshot, camera: int) -> CameraMotion:

@@ -20,7 +20,7 @@ from camnet.geometry.rotations_compiled import to_matrix
 from camnet.geometry.settings import CameraModel
 from camnet.types import Array, BoolArray, IntArray, Snapshot
 
-__all__ = ["RaysClear", "VisibilityTest", "features_world", "who_may_see"]
+__all__ = ["RaysClear", "VisibilityTest", "features_world", "see", "who_may_see"]
 
 #: (origins (K, 3), points (K, 3)) -> (K,): which sight lines nothing blocks
 RaysClear = Callable[[Array, Array], BoolArray]
@@ -91,7 +91,7 @@ def _points_world(target_p: Array, target_q: Array, features: Array, first: IntA
 
 
 @njit(cache=True)
-def _see(
+def see(
     a: Array,
     b: Array,
     camera_p: Array,
@@ -184,6 +184,18 @@ class VisibilityTest:
         self._first: IntArray = np.concatenate([[0], np.cumsum([len(p) for p in points])]).astype(np.int64)
         self._all: BoolArray = np.ones((len(cameras), len(points)), dtype=np.bool_)
 
+    @property
+    def packed(self) -> tuple[Array, Array, Array, IntArray]:
+        """Frusta (C,6,3), (C,6), features (F,3) and where those of each target begin, as `see` takes them."""
+        return self.frusta.A, self.frusta.b, self._features, self._first
+
+    def clear(self, snapshot: Snapshot, visible: BoolArray, rays_clear: RaysClear) -> None:
+        """Unset the pairs of ``visible`` (C, M) between which something blocks a sight line."""
+        points = self._points(snapshot)
+        origins, ends = _sight_lines(visible, snapshot.camera_p_world, points, self._first)
+        if len(origins):
+            _hide(visible, np.asarray(rays_clear(origins, ends), dtype=np.bool_), self._first)
+
     def in_view(self, snapshot: Snapshot) -> BoolArray:
         """Whether target m is in the frustum of camera c and in its region (C, M); occlusion is not looked at."""
         return self._in_view(snapshot, self._all)
@@ -201,12 +213,8 @@ class VisibilityTest:
         allowed : (C, M) pairs that are looked at (all if None); the others do not see each other
         """
         visible = self._in_view(snapshot, self._all if allowed is None else allowed)
-        if rays_clear is None:
-            return visible
-        points = self._points(snapshot)
-        origins, ends = _sight_lines(visible, snapshot.camera_p_world, points, self._first)
-        if len(origins):
-            _hide(visible, np.asarray(rays_clear(origins, ends), dtype=np.bool_), self._first)
+        if rays_clear is not None:
+            self.clear(snapshot, visible, rays_clear)
         return visible
 
     def _points(self, snapshot: Snapshot) -> Array:
@@ -215,7 +223,7 @@ class VisibilityTest:
         )
 
     def _in_view(self, snapshot: Snapshot, allowed: BoolArray) -> BoolArray:
-        visible: BoolArray = _see(
+        visible: BoolArray = see(
             self.frusta.A,
             self.frusta.b,
             snapshot.camera_p_world,

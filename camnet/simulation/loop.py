@@ -25,7 +25,8 @@ from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.persistence import load_models
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.settings import SensingSettings
-from camnet.sensing.visibility import VisibilityTest, who_may_see
+from camnet.sensing.survey import survey
+from camnet.sensing.visibility import VisibilityTest
 from camnet.sensing.vision_sensor import build_sensor
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
@@ -123,6 +124,7 @@ class NetworkSimulation:
         ]
         self.visible: BoolArray = np.zeros((len(network.cameras), network.n_targets), dtype=bool)
         self.target_region = np.full(network.n_targets, -1)
+        self.spacing_m = math.inf  # least distance between two agents at the last sensing step
         self._outside: tuple[Snapshot | None, BoolArray] = (None, np.zeros(network.n_agents, dtype=bool))
         self.working: BoolArray = np.ones(
             len(network.cameras), dtype=bool
@@ -232,15 +234,31 @@ class NetworkSimulation:
 
     def _sense(self) -> None:
         snapshot = self.snapshot
-        inside = self.network.containment(snapshot.target_p_world)  # (M, C)
-        allowed, self.target_region = who_may_see(inside, self.working, self.network.n_agents)
-        self.visible = self._visibility(snapshot, self._rays_clear, allowed)
+        self._survey(snapshot)
         self._past.append(snapshot)
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         for m, tracker in enumerate(self.trackers):
             self._estimate(m, _nearest([z for z in measurements if z.target == m]))
             tracker.update(snapshot.t_s, int(self.target_region[m]), self.seen_by(m))
         self.statistics.after_sense(self)
+
+    def _survey(self, snapshot: Snapshot) -> None:
+        """Find out on the truth who is where, and who sees whom."""
+        agent_p, target_p = snapshot.agent_p_world, snapshot.target_p_world
+        self.visible, self.target_region, outside, self.spacing_m = survey(
+            agent_p,
+            snapshot.camera_p_world,
+            snapshot.camera_q_world,
+            target_p,
+            snapshot.target_q_world,
+            *self.network.boxes,
+            self.network.exceptions(target_p, agent_p),
+            self.working,
+            *self._visibility.packed,
+        )
+        self._outside = snapshot, outside
+        if self._rays_clear is not None:
+            self._visibility.clear(snapshot, self.visible, self._rays_clear)
 
     def _estimate(self, m: int, best: PoseMeasurement | None) -> None:
         """Advance all estimators of target ``m`` to now, with the measurement ``best`` if there is one."""

@@ -73,6 +73,25 @@ class Network:
             inside[:, j] &= self.regions[j].contains(points)
         return inside
 
+    def exceptions(self, target_p: Array, agent_p: Array) -> BoolArray:
+        """Who (M + N, C) is not in a region though in the box about it: targets first; never with boxes alone."""
+        if not self._not_boxes:
+            return self._no_exceptions
+        points = np.concatenate([target_p, agent_p])
+        out = np.zeros((len(points), len(self.regions)), dtype=bool)
+        for j in self._not_boxes:
+            out[:, j] = ~self.regions[j].contains(points)
+        return out
+
+    @cached_property
+    def _no_exceptions(self) -> BoolArray:
+        return np.zeros((self.n_targets + self.n_agents, len(self.regions)), dtype=bool)
+
+    @property
+    def boxes(self) -> tuple[Array, Array]:
+        """Corners (C,3), (C,3) of the boxes about the regions, m."""
+        return self._boxes
+
     @cached_property
     def _boxes(self) -> tuple[Array, Array]:
         bounds = np.array([region.bounds for region in self.regions])

@@ -11,7 +11,6 @@ from camnet.certification.monitor import DwellMonitor
 from camnet.certification.network import DwellCertificates
 from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import TargetFilter
-from camnet.geometry.spacing import least_distance
 from camnet.simulation.metrics import ErrorRecord, delay_summary
 from camnet.types import Snapshot
 from camnet.world.protocol import Flown
@@ -105,8 +104,7 @@ class RunStatistics:
         if outside.any():
             self.region_exits += int(np.count_nonzero(outside & ~self._outside))
         self._outside = outside
-        nearest = least_distance(simulation.snapshot.agent_p_world)
-        self.least_distance_m = min(self.least_distance_m, nearest)
+        self.least_distance_m = min(self.least_distance_m, simulation.spacing_m)
 
     @property
     def time_in_view(self) -> float:

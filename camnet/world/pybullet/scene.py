@@ -12,7 +12,7 @@ from camnet.world.description import TargetSpec, WorldDescription
 from camnet.world.pybullet.engine import Engine
 from camnet.world.pybullet.shapes import box, cylinder, pieces, sheet
 
-__all__ = ["TARGET_COLORS", "Scene", "build_scene"]
+__all__ = ["TARGET_COLORS", "Scene", "build_scene", "complete_scene", "draw_scenery"]
 
 #: colours of targets in turn, RGBA
 TARGET_COLORS = ((0.85, 0.1, 0.1, 1.0), (0.1, 0.25, 0.85, 1.0), (0.75, 0.1, 0.75, 1.0), (0.9, 0.6, 0.0, 1.0))
@@ -28,7 +28,7 @@ _TILE_M, _TILES_MAX = 10.0, 12
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scene:
-    """Body numbers of agents (N) and targets (M)."""
+    """Body numbers of agents (N) and, once they have bodies, targets (M)."""
 
     agents: list[int]
     targets: list[int]
@@ -83,8 +83,7 @@ def _add_target(engine: Engine, k: int, target: TargetSpec) -> int:
 
 
 def build_scene(engine: Engine, description: WorldDescription) -> Scene:
-    """Create every body; moving ones wait at the origin far below until they are placed."""
-    engine.add_ground()
+    """Create occluders and agents, which wait at the origin far below until they are placed; no targets yet."""
     for occluder in description.occluders:
         for solid in pieces(occluder.shape, occluder.name):
             engine.add(occluder.name, solid, solid.origin.tolist(), IDENTITY, _OCCLUDER_COLOR)
@@ -100,7 +99,16 @@ def build_scene(engine: Engine, description: WorldDescription) -> Scene:
         )
         for k, agent in enumerate(description.agents)
     ]
-    targets = [_add_target(engine, k, target) for k, target in enumerate(description.targets)]
+    return Scene(agents, [])
+
+
+def complete_scene(engine: Engine, description: WorldDescription, scene: Scene) -> None:
+    """Create ground and targets, which wait far below: the engine looks at them in every step, so only when needed."""
+    engine.add_ground()
+    scene.targets.extend(_add_target(engine, k, target) for k, target in enumerate(description.targets))
+
+
+def draw_scenery(engine: Engine, description: WorldDescription) -> None:
+    """Create what is only seen, ground and roads: the engine keeps books of it in every step, so not before it is."""
     _draw_ground(engine, description)
     _draw_roads(engine, description)
-    return Scene(agents, targets)

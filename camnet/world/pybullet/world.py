@@ -21,7 +21,7 @@ from camnet.world.pybullet.engine import Engine, xyzw
 from camnet.world.pybullet.flight import Flight
 from camnet.world.pybullet.kinematic import KinematicMotion
 from camnet.world.pybullet.picture import picture, projection_matrix, view_matrix
-from camnet.world.pybullet.scene import build_scene
+from camnet.world.pybullet.scene import build_scene, complete_scene, draw_scenery
 from camnet.world.pybullet.sight import rays_clear
 from camnet.world.targets import Targets
 
@@ -79,7 +79,8 @@ class PyBulletWorld:
         """Put everything at its start; see the protocol."""
         self._check_open()
         self._engine.restart()
-        self._scene = build_scene(self._engine, self.description)
+        self._scene, self._drawn = build_scene(self._engine, self.description), False
+        self._complete = False
         air_rng, *target_rngs = rng.spawn(1 + len(self.target_names))
         states = self._targets.reset(target_rngs)
         self._step, self._t_s = 0, 0.0
@@ -92,7 +93,6 @@ class PyBulletWorld:
         else:
             self._flight.reset(self._scene.agents, self._start_p, self._yaw, self._body_q, air_rng)
         self._placed = False
-        self._sync_targets()
         return self._observe((), self._motion_now())
 
     def step(self, command: CameraCommand) -> Snapshot:
@@ -190,8 +190,15 @@ class PyBulletWorld:
         if watch:
             self._sync_targets()
 
+    def _complete_scene(self) -> None:
+        """Give bodies to the ground and the targets, if they have none yet."""
+        if not self._complete:
+            complete_scene(self._engine, self.description, self._scene)
+            self._complete = True
+
     def _sync_targets(self) -> None:
         """Put the targets' bodies where the targets are: only what touches, looks or draws needs them there."""
+        self._complete_scene()
         if not self._placed:
             self._placed = True
             for number, state in zip(self._scene.targets, self._targets.now, strict=True):
@@ -255,6 +262,9 @@ class PyBulletWorld:
         """Picture that a camera sees; see the protocol. An agent does not see itself."""
         now, model = self._current(), self._models[camera]
         self._sync_targets()
+        if not self._drawn:
+            draw_scenery(self._engine, self.description)
+            self._drawn = True
         near = model.near_m
         if camera < len(self.agent_names):
             near = max(near, self._agent_radius + float(np.linalg.norm(self._offset)))
@@ -265,6 +275,7 @@ class PyBulletWorld:
     def set_state(self, snapshot: Snapshot) -> None:
         """Pose every body as in ``snapshot``; see the protocol."""
         self._current()
+        self._complete_scene()
         for k, number in enumerate(self._scene.agents):
             self._engine.place(number, snapshot.agent_p_world[k].tolist(), xyzw(snapshot.agent_q_world[k]))
         for k, number in enumerate(self._scene.targets):
