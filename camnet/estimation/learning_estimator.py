@@ -198,10 +198,15 @@ class LearningEstimator:
     def diagnostics(self) -> dict[str, float]:
         """Count of gaps learned, and per model j ``stack_size_j``, ``lambda_min_j``, ``excited_j`` and others.
 
+        ``prior_on_roads`` is 1 where the prior mean follows known roads, 0 where there are none to follow.
+
         ``lambda_min_visited_j`` is over the kernels that data has reached: a kernel of another region's road keeps
         ``lambda_min_j`` at zero for ever.
         """
-        out = {"gaps_learned": float(self._learner.gaps_learned)}
+        out = {
+            "gaps_learned": float(self._learner.gaps_learned),
+            "prior_on_roads": float(len(self._roads.segments) > 0),
+        }
         for j, memory in enumerate(self._memories):
             out.update({f"{key}_{j}": value for key, value in memory.diagnostics(self._t).items()})
         return out

@@ -63,14 +63,14 @@ class GapSettings(Settings):
     """Remedies of the gap problem: what carries the prediction where nothing was measured.
 
     ``prior`` takes over where the learned model has no data; its turn rate fades with ``turn_memory_s``. ``road`` turns
-    as the world's roads do, and is ``constant_turn`` off them or without any.
+    as the world's roads do; off them, and in a world without any, it is ``constant_turn``.
     ``learn_across`` puts the path across a gap, reconstructed ``entry_s`` after the re-sighting, into the stack.
     ``accel_psd_m2ps3`` is the unknown acceleration assumed for that path, ``path_std_mps`` the velocity uncertainty
     at which a window of it counts half as much as a measured one. ``pace`` makes the target's speed a state: the
     learned velocities are scaled by how fast it left, as far as that has been found to last.
     """
 
-    prior: Literal["none", "constant_velocity", "constant_turn", "road"] = "constant_turn"
+    prior: Literal["none", "constant_velocity", "constant_turn", "road"] = "road"
     turn_memory_s: Positive = 5.0
     handover_s: Positive = 1.0
     learn_across: bool = True

@@ -37,6 +37,7 @@ from camnet.simulation.filters import TargetTruth
 from camnet.simulation.loop import FilterMaker, NetworkSimulation, Setpoints
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array, BoolArray, IntArray
+from camnet.world.protocol import Flown
 from camnet.world.pybullet import PyBulletWorld
 
 __all__ = ["EXPERIMENT", "ROWS", "assemble", "print_table", "run"]
@@ -82,6 +83,9 @@ class _NoStatistics:
 
     def after_control(self, simulation: NetworkSimulation) -> None:
         """See ``RunStatistics.after_control``."""
+
+    def after_flight(self, simulation: NetworkSimulation, flown: Flown) -> None:
+        """See ``RunStatistics.after_flight``."""
 
     def after_sense(self, simulation: NetworkSimulation) -> None:
         """See ``RunStatistics.after_sense``."""
