@@ -21,6 +21,7 @@ An assignment that means nothing at present (a target never seen, no predicted e
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -93,6 +94,7 @@ class _Mode:
         bounds = np.stack([region.bounds for region in network.regions[: network.n_agents]])
         self._centers = bounds.mean(axis=1)
         self._reach = np.maximum(np.ptp(bounds, axis=1) / 2 - self._controller.region_margin_m, 0.0)
+        self._everybody: BoolArray = np.ones(network.n_agents, dtype=bool)
         self._held: dict[int, tuple[Array, Array]] = {}
 
     def reset(self) -> None:
@@ -107,9 +109,11 @@ class _Mode:
         """Actions (N, width) clipped to [-1, 1], zero where there is none, and who gave one."""
         n = len(self._names)
         if len(actions) == n:
-            rows = [np.asarray(actions[name], dtype=float) for name in self._names]
-            if all(row.shape == (width,) for row in rows) and np.isfinite(flat := np.array(rows)).all():
-                return np.minimum(np.maximum(flat, -1.0), 1.0), np.ones(n, dtype=bool)
+            rows = [actions[name] for name in self._names]
+            if all(isinstance(row, np.ndarray) and row.shape == (width,) for row in rows):
+                flat = np.array(rows, dtype=float)
+                if math.isfinite(flat.sum()):
+                    return np.minimum(np.maximum(flat, -1.0), 1.0), self._everybody
         given = np.array([name in actions for name in self._names])
         flat = np.zeros((n, width))
         for j in np.flatnonzero(given).tolist():
@@ -146,8 +150,9 @@ class SetpointMode(_Mode):
         flat, given = self._boxed(actions, 5)
         p_world = self._centers + flat[:, :3] * self._reach
         gaze = flat[:, 3:] * self._settings.gaze_max_rad
-        for j in np.flatnonzero(~given).tolist():
-            p_world[j], gaze[j] = self._hold(simulation, j)
+        if given is not self._everybody:
+            for j in np.flatnonzero(~given).tolist():
+                p_world[j], gaze[j] = self._hold(simulation, j)
         return Setpoints(p_world, gaze)
 
     def fly(self, simulation: NetworkSimulation, actions: Mapping[str, Any], beliefs: Beliefs | None) -> None:

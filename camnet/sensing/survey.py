@@ -12,7 +12,7 @@ from camnet.geometry.spacing import least_distance
 from camnet.sensing.visibility import see, who_may_see
 from camnet.types import Array, BoolArray, IntArray
 
-__all__ = ["survey"]
+__all__ = ["first_seers", "survey"]
 
 
 @njit(cache=True)
@@ -56,7 +56,15 @@ def survey(
 
 @njit(cache=True)
 def _in_box(p: Array, low: Array, high: Array) -> bool:
-    for i in range(3):
-        if not low[i] <= p[i] <= high[i]:
-            return False
-    return True
+    return bool(low[0] <= p[0] <= high[0] and low[1] <= p[1] <= high[1] and low[2] <= p[2] <= high[2])
+
+
+@njit(cache=True)
+def first_seers(visible: BoolArray) -> IntArray:
+    """Return the first camera (M,) that sees each target, from ``visible`` (C,M); -1: none does."""
+    out = np.full(visible.shape[1], -1, dtype=np.int64)
+    for m in range(visible.shape[1]):
+        for c in range(visible.shape[0] - 1, -1, -1):
+            if visible[c, m]:
+                out[m] = c
+    return out

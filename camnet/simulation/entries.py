@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from camnet.estimation.protocol import Rollout
-from camnet.geometry.regions import Region
+from camnet.geometry.regions import BoxRegion, Region
+from camnet.simulation.entry_kernel import ENTERS, box_entries
 from camnet.types import Array
 
-__all__ = ["Entry", "predict_entries"]
+__all__ = ["Entry", "first_entry", "predict_entries"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,10 +49,22 @@ def predict_entries(rollout: Rollout, regions: Sequence[Region]) -> list[Entry |
     list of Entry or None
         One per region; None for the region that the path starts in and for those it never comes near.
     """
-    return [_first_entry(index, rollout, region) for index, region in enumerate(regions)]
+    boxes = [j for j, region in enumerate(regions) if isinstance(region, BoxRegion)]
+    found: list[Entry | None] = [None] * len(regions)
+    if boxes:
+        corners = np.array([regions[j].bounds for j in boxes])
+        met = box_entries(rollout.p_world, rollout.radius_m, corners[:, 0], corners[:, 1])
+        for j, (how, k) in zip(boxes, met.tolist(), strict=True):
+            if how:
+                found[j] = _entry(j, rollout, k, how == ENTERS)
+    for j, region in enumerate(regions):
+        if not isinstance(region, BoxRegion):
+            found[j] = first_entry(j, rollout, region)
+    return found
 
 
-def _first_entry(index: int, rollout: Rollout, region: Region) -> Entry | None:
+def first_entry(index: int, rollout: Rollout, region: Region) -> Entry | None:
+    """Return the entry into one region of any kind."""
     distance = region.signed_distance(_levelled(rollout, region))
     if distance[0] <= 0.0:
         return None
@@ -60,6 +73,10 @@ def _first_entry(index: int, rollout: Rollout, region: Region) -> Entry | None:
     if touching.size == 0:
         return None
     k = int(touching[0]) if inside.size else int(touching[np.argmin(distance[touching])])
+    return _entry(index, rollout, k, bool(inside.size))
+
+
+def _entry(index: int, rollout: Rollout, k: int, direct: bool) -> Entry:
     before = max(k - 1, 0)
     dt = rollout.t_s[k] - rollout.t_s[before]
     velocity = (rollout.p_world[k] - rollout.p_world[before]) / dt if dt > 0 else np.zeros(3)
@@ -69,7 +86,7 @@ def _first_entry(index: int, rollout: Rollout, region: Region) -> Entry | None:
         p_world=rollout.p_world[k].copy(),
         v_world=velocity,
         radius_m=float(rollout.radius_m[k]),
-        direct=bool(inside.size),
+        direct=direct,
     )
 
 

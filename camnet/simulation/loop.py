@@ -25,7 +25,7 @@ from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.persistence import load_models
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.settings import SensingSettings
-from camnet.sensing.survey import survey
+from camnet.sensing.survey import first_seers, survey
 from camnet.sensing.visibility import VisibilityTest
 from camnet.sensing.vision_sensor import build_sensor
 from camnet.simulation.certificates import network_certificates
@@ -259,6 +259,7 @@ class NetworkSimulation:
         self._outside = snapshot, outside
         if self._rays_clear is not None:
             self._visibility.clear(snapshot, self.visible, self._rays_clear)
+        self._seen_by = first_seers(self.visible).tolist()
 
     def _estimate(self, m: int, best: PoseMeasurement | None) -> None:
         """Advance all estimators of target ``m`` to now, with the measurement ``best`` if there is one."""
@@ -276,8 +277,7 @@ class NetworkSimulation:
 
     def seen_by(self, m: int) -> int:
         """Index of a camera that truly sees target ``m`` (-1: none)."""
-        camera = int(self.visible[:, m].argmax())
-        return camera if self.visible[camera, m] else -1
+        return self._seen_by[m]
 
     def agents_outside(self) -> BoolArray:
         """Which agents (N,) are outside their operating regions."""

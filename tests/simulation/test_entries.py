@@ -8,7 +8,7 @@ import pytest
 from camnet.estimation.protocol import Rollout
 from camnet.geometry.regions import build_region
 from camnet.geometry.settings import Box
-from camnet.simulation.entries import predict_entries
+from camnet.simulation.entries import Entry, first_entry, predict_entries
 
 EAST = build_region("east", Box(min_m=(4.0, -1.0, 0.0), max_m=(6.0, 1.0, 3.0)))
 START = build_region("start", Box(min_m=(-1.0, -1.0, 0.0), max_m=(1.0, 1.0, 3.0)))
@@ -51,3 +51,27 @@ def test_a_path_a_little_under_the_ground_enters_all_the_same() -> None:
         p = level.p_world - np.array([0.0, 0.0, depth])
         (entry,) = predict_entries(Rollout(level.t_s, p, level.q_world, level.radius_m), [EAST])
         assert (entry is not None and entry.direct) == direct
+
+
+def test_boxes_at_once_are_boxes_one_by_one() -> None:
+    """The compiled search finds what the search in any region finds, on paths that wander in and out."""
+    rng = np.random.default_rng(4)
+    kinds = set()
+    for _ in range(200):
+        p = (
+            np.cumsum(rng.normal(scale=0.4, size=(60, 3)) * (1.0, 1.0, 0.1), axis=0)
+            + rng.normal(size=3) * 3.0
+        )
+        radius = rng.uniform(0.0, 0.8) + 0.01 * np.arange(60)
+        path = Rollout(0.1 * np.arange(60), p, np.tile([1.0, 0, 0, 0], (60, 1)), radius)
+        regions = [START, EAST]
+        for found, region in zip(predict_entries(path, regions), regions, strict=True):
+            expected = first_entry(regions.index(region), path, region)
+            kinds.add(None if expected is None else expected.direct)
+            if expected is None or found is None:
+                assert found is expected
+                continue
+            assert isinstance(found, Entry)
+            assert (found.t_s, found.direct, found.region) == (expected.t_s, expected.direct, expected.region)
+            np.testing.assert_array_equal(found.v_world, expected.v_world)
+    assert kinds == {None, True, False}
