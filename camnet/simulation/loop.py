@@ -136,8 +136,9 @@ class NetworkSimulation:
 
     def _build_autopilot(self) -> Autopilot | None:
         """Return what flies the agents in compiled code; None where the parts have to be asked one by one."""
-        able = isinstance(self.world, Steers) and self.world.can_steer and self._references.plain
-        if self.network.n_agents == 0 or not able:
+        world = self.world if isinstance(self.world, Steers) else None
+        self._steers = world if world is not None and world.can_steer and self._references.plain else None
+        if self.network.n_agents == 0 or self._steers is None:
             return None
         return Autopilot(self._references, self._controller, self.disturbance, self._reference_state)
 
@@ -182,8 +183,8 @@ class NetworkSimulation:
 
     def advance(self, setpoints: Setpoints) -> None:
         """Run one decision period under constant setpoints."""
-        if self._autopilot is not None and isinstance(self.world, Steers):
-            self._fly(self.world, self._autopilot, setpoints)
+        if self._autopilot is not None and self._steers is not None:
+            self._fly(self._steers, self._autopilot, setpoints)
             return
         for _ in range(self.decide_every):
             self._control_step(setpoints)

@@ -49,6 +49,7 @@ class PyBulletWorld:
         self.agent_names = tuple(a.name for a in d.agents)
         self.camera_names = self.agent_names + tuple(c.name for c in d.cameras)
         self.target_names = tuple(t.name for t in d.targets)
+        self._substeps, self._step_hz = d.substeps, d.physics.step_hz
         self.control_dt_s = d.substeps / d.physics.step_hz
         self._models = [a.camera for a in d.agents] + [c.camera for c in d.cameras]
         self._fixed = np.zeros((len(d.cameras), 13))
@@ -132,8 +133,8 @@ class PyBulletWorld:
         return Flown(snapshot, square, tuple(contacts) if any(pairs for _, pairs in contacts) else ())
 
     def _count_steps(self) -> None:
-        self._step += self.description.substeps
-        self._t_s = self._step / self.description.physics.step_hz
+        self._step += self._substeps
+        self._t_s = self._step / self._step_hz
 
     def _hold(self, command: CameraCommand) -> bool:
         """Take the command; whether anything may touch in its period, by distances and speeds alone."""
