@@ -9,6 +9,7 @@ import numpy as np
 
 from camnet.certification.monitor import DwellMonitor
 from camnet.certification.network import DwellCertificates
+from camnet.estimation.delayed import underlying
 from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.protocol import TargetFilter
 from camnet.simulation.metrics import ErrorRecord, delay_summary
@@ -177,9 +178,10 @@ def _excited(driving: TargetFilter, camera: int, weight_bound: float, visit_s: f
     the visit after it was found on: within one visit the target may come to places that are still news. An infinite
     ``weight_bound`` says that the projection was found at rest in this visit already; ``visit_s`` is when it began.
     """
-    if camera < 0 or not isinstance(driving, LearningEstimator):
+    filter_ = underlying(driving)
+    if camera < 0 or not isinstance(filter_, LearningEstimator):
         return False, False
-    model = driving.model(camera)
+    model = filter_.model(camera)
     fully = math.isfinite(min(model.integral.excited_s, model.instantaneous.excited_s))
     if not (fully or model.visited.since_s < visit_s):
         return False, False

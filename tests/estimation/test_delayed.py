@@ -1,6 +1,7 @@
 """Late measurements: the settled filter is the one that got them in time, and the present follows from it."""
 
 import copy
+import math
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from camnet.estimation.placement import grid_centres
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import EkfSettings, EstimatorSettings
 from camnet.geometry import rotations
+from camnet.simulation.statistics import _excited
 from camnet.types import CameraMotion, PoseMeasurement
 
 RATE, SPEED, RADIUS = 20.0, 0.5, 1.0
@@ -181,3 +183,12 @@ def test_what_comes_after_the_horizon_is_left_out_and_counted():
 def test_the_horizon_is_finite(horizon):
     with pytest.raises(ConfigError, match="horizon_s"):
         DelayedFilter(kalman(), horizon)
+
+
+def test_excitation_is_told_of_the_filter_inside() -> None:
+    estimator = learning()
+    assert _excited(DelayedFilter(estimator, 0.1), 0, math.inf, 5.0) == (False, False)
+    estimator.model(0).integral.excited_s = 1.0
+    assert _excited(estimator, 0, math.inf, 5.0) == (True, True)
+    assert _excited(DelayedFilter(estimator, 0.1), 0, math.inf, 5.0) == (True, True)
+    assert _excited(DelayedFilter(estimator, 0.1), -1, math.inf, 5.0) == (False, False)
