@@ -24,12 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camnet.batch.compiled import inner_owner
+from camnet.batch.compiled import inner
 from camnet.estimation.basis import CUTOFF, RbfBasis
 from camnet.estimation.vector_rows import running_rows
 from camnet.types import Array, IntArray
 
-__all__ = ["Kernels", "dense_weights", "field_on_grid", "kernels_at", "pack_kernels", "workspace"]
+__all__ = ["Kernels", "dense_weights", "field_on_grid", "kernels_at", "pack_kernels"]
 
 
 class Kernels(NamedTuple):
@@ -99,13 +99,7 @@ def _grid(basis: RbfBasis) -> Kernels | None:
     )
 
 
-@inner_owner
-def workspace(k: Kernels) -> Array:
-    """Room for the factors of one pose: squared distances and factors of columns, then of lines."""
-    return np.empty(4 * (2 * k.reach + 1))
-
-
-@inner_owner
+@inner
 def _factors(
     x: float,
     n: int,
@@ -141,9 +135,12 @@ def _factors(
     return first, after
 
 
-@inner_owner
+@inner
 def _both_factors(k: Kernels, x: float, y: float, work: Array) -> tuple[int, int, int, int]:
-    """Do so for columns and lines: ranges of columns and of lines."""
+    """Do so for columns and lines: ranges of columns and of lines.
+
+    ``work`` (4 (2 reach + 1),) takes squared distances and factors of columns, then of lines.
+    """
     nx, ny = k.number.shape
     half, falloff = 2 * (2 * k.reach + 1), k.lattice[nx + ny :]
     c0, c1 = _factors(x, nx, k.lattice, falloff, k.spacing_x, k.precision_x, k.reach, work)
@@ -153,7 +150,7 @@ def _both_factors(k: Kernels, x: float, y: float, work: Array) -> tuple[int, int
     return c0, c1, l0, l1
 
 
-@inner_owner
+@inner
 def kernels_at(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array, work: Array
 ) -> int:
@@ -174,21 +171,20 @@ def kernels_at(
     return count
 
 
-@inner_owner
+@inner
 def _kernels_anywhere(
     k: Kernels, x: float, y: float, hx: float, hy: float, index: IntArray, sigma: Array
 ) -> int:
     """Do the same for kernels without a grid."""
     n, d = k.centres.shape
     count = 0
-    e = np.zeros(4)
     norm = math.sqrt(hx * hx + hy * hy)
     scale = k.heading_scale_m / norm if norm > 1e-12 else 0.0
     for m in range(n):
-        e[0], e[1] = x - k.centres[m, 0], y - k.centres[m, 1]
+        ex, ey, eu, ev = x - k.centres[m, 0], y - k.centres[m, 1], 0.0, 0.0
         if d == 4:
-            e[2], e[3] = scale * hx - k.centres[m, 2], scale * hy - k.centres[m, 3]
-        square = 0.0
+            eu, ev = scale * hx - k.centres[m, 2], scale * hy - k.centres[m, 3]
+        e, square = (ex, ey, eu, ev), 0.0
         for i in range(d):
             for j in range(d):
                 square += e[i] * k.precision[m, i, j] * e[j]
@@ -199,7 +195,7 @@ def _kernels_anywhere(
     return count
 
 
-@inner_owner
+@inner
 def dense_weights(
     k: Kernels, order: IntArray, n: int, weights: Array, dense: Array, ranges: IntArray
 ) -> tuple[float, float, float, float]:
@@ -229,7 +225,7 @@ def dense_weights(
     return x0 - rx, x1 + rx, y0 - ry, y1 + ry
 
 
-@inner_owner
+@inner
 def field_on_grid(
     k: Kernels,
     dense: Array,

@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from camnet.batch.compiled import inner_owner
-from camnet.batch.estimator_field import Kernels, kernels_at, workspace
+from camnet.batch.compiled import inner
+from camnet.batch.estimator_field import Kernels, kernels_at
 from camnet.batch.estimator_layout import (
     GAP,
     GAP_ENTRY,
@@ -27,13 +25,13 @@ from camnet.batch.estimator_model import activate
 from camnet.batch.triples import Triple, cross, multiply, rotation_vector, size, turn
 from camnet.estimation.gap import SUBSTEPS
 from camnet.estimation.learner import KNOWN_WITHIN
-from camnet.estimation.propagate import COLUMNS, UNIT
+from camnet.estimation.propagate import UNIT
 from camnet.types import Array, IntArray
 
 __all__ = ["bridge", "path_windows"]
 
 
-@inner_owner
+@inner
 def _whole_turn(exit_: Array, entry: Array) -> Triple:
     """Rotation vector from exit to entry, with the number of full turns that the body rates suggest."""
     back = (exit_[4], -exit_[5], -exit_[6], -exit_[7])
@@ -56,7 +54,7 @@ def _whole_turn(exit_: Array, entry: Array) -> Triple:
     return whole * axis[0], whole * axis[1], whole * axis[2]
 
 
-@inner_owner
+@inner
 def _rotation_vector_rate(theta: Triple, w: Triple) -> Triple:
     """Rate of the rotation vector ``theta`` whose body rate is ``w``: the inverse right Jacobian."""
     angle = size(theta[0], theta[1], theta[2])
@@ -72,40 +70,40 @@ def _rotation_vector_rate(theta: Triple, w: Triple) -> Triple:
     return w[0] + 0.5 * x[0] + f * y[0], w[1] + 0.5 * x[1] + f * y[1], w[2] + 0.5 * x[2] + f * y[2]
 
 
-@inner_owner
+@inner
 def _hermite(u: float, x0: float, d0: float, x1: float, d1: float) -> float:
     """Cubic through x0, x1 with the derivatives d0, d1 in [0, 1]."""
     v = (1.0 - u) ** 2
     return (1.0 + 2.0 * u) * v * x0 + u * v * d0 + u**2 * (3.0 - 2.0 * u) * x1 + u**2 * (u - 1.0) * d1
 
 
-@inner_owner
-def _path(exit_: Array, entry: Array, points: int) -> Array:
-    """Positions and orientations (points, 7) across the gap."""
+@inner
+def _trace(exit_: Array, entry: Array, points: int, out: Array) -> None:
+    """Write positions and orientations (points, 7) across the gap."""
     duration = entry[0] - exit_[0]
     theta = _whole_turn(exit_, entry)
     rate = _rotation_vector_rate(theta, (entry[11], entry[12], entry[13]))
     q0 = (exit_[4], exit_[5], exit_[6], exit_[7])
-    out = np.empty((points, 7))
-    angles = np.empty(3)
+    w0, w1 = (exit_[11], exit_[12], exit_[13]), rate
     for i in range(points):
         u = i / (points - 1)
         for a in range(3):
             out[i, a] = _hermite(
                 u, exit_[1 + a], duration * exit_[8 + a], entry[1 + a], duration * entry[8 + a]
             )
-            angles[a] = _hermite(u, 0.0, duration * exit_[11 + a], theta[a], duration * rate[a])
-        q = multiply(q0, turn(angles[0], angles[1], angles[2]))
+        x = _hermite(u, 0.0, duration * w0[0], theta[0], duration * w1[0])
+        y = _hermite(u, 0.0, duration * w0[1], theta[1], duration * w1[1])
+        z = _hermite(u, 0.0, duration * w0[2], theta[2], duration * w1[2])
+        q = multiply(q0, turn(x, y, z))
         dot = 1.0
         if i > 0:
             dot = out[i - 1, 3] * q[0] + out[i - 1, 4] * q[1] + out[i - 1, 5] * q[2] + out[i - 1, 6] * q[3]
         sign = -1.0 if dot < 0.0 else 1.0
         for a in range(4):
             out[i, 3 + a] = sign * q[a]
-    return out
 
 
-@inner_owner
+@inner
 def _path_psd(c: Rules, exit_: Array, entry: Array) -> float:
     """Power spectral density of the unknown acceleration, raised to what the ends contradict."""
     duration = entry[0] - exit_[0]
@@ -115,15 +113,14 @@ def _path_psd(c: Rules, exit_: Array, entry: Array) -> float:
     return float(max(c.accel_psd_m2ps3, 12.0 * against / (3.0 * duration**3)))
 
 
-@inner_owner
+@inner
 def _add_regressor(
     kernels: Kernels, c: Rules, k: IntArray, d: Array, j: int, pose: Array, share: float, row: Array
 ) -> None:
     """Add ``share`` sigma at a pose (7,) to ``row``; kernels reached become active."""
-    p = c.size
-    index, sigma = np.empty(p, dtype=np.int64), np.empty(p)
+    index, sigma = c.work.places, c.work.sigma
     x, y = 1.0 - 2.0 * (pose[5] ** 2 + pose[6] ** 2), 2.0 * (pose[4] * pose[5] + pose[3] * pose[6])
-    count = kernels_at(kernels, pose[0], pose[1], x, y, index, sigma, workspace(kernels))
+    count = kernels_at(kernels, pose[0], pose[1], x, y, index, sigma, c.work.factors)
     places = place_of(c, k, j)
     for m in range(count):
         place = places[index[m]]
@@ -132,7 +129,7 @@ def _add_regressor(
         row[place] += share * sigma[m]
 
 
-@inner_owner
+@inner
 def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
     """Write the increment (8,) from pose ``a`` to pose ``b``, both (7,)."""
     for i in range(3):
@@ -141,12 +138,12 @@ def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
     out[6], out[UNIT] = 0.0, duration
 
 
-@inner_owner
+@inner
 def _contradicts(
     c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array, weight: float
 ) -> bool:
     """Whether a window of the path is suspect, given the path's own uncertainty."""
-    residual = np.empty(COLUMNS)
+    residual = c.work.residual
     misfit(c, k, d, j, row, increment, residual)
     duration, mean_square = increment[UNIT], model_of(c, k, d, j)[GATE]
     if abs(residual[UNIT]) > KNOWN_WITHIN * duration or not math.isfinite(mean_square):
@@ -156,7 +153,7 @@ def _contradicts(
     return bool(square > (0.5 * c.outlier_gate) ** 2 * variance * duration**2)
 
 
-@inner_owner
+@inner
 def path_windows(c: Rules, pose: Array, k: IntArray, d: Array, entry: Array) -> int:
     """Count the windows of the gap that waits, if the re-sighting has lasted long enough; ``entry`` takes its end."""
     k_gap = k[GAP_MODEL]
@@ -171,7 +168,7 @@ def path_windows(c: Rules, pose: Array, k: IntArray, d: Array, entry: Array) -> 
     return 0 if duration > c.max_gap_s else windows
 
 
-@inner_owner
+@inner
 def bridge(
     kernels: Kernels,
     c: Rules,
@@ -187,7 +184,8 @@ def bridge(
 ) -> bool:
     """Write the windows of the path across the gap, for model ``j``; True if most contradict what was learned there."""
     duration = entry[0] - exit_[0]
-    path = _path(exit_, entry, windows * SUBSTEPS + 1)
+    path = c.work.path
+    _trace(exit_, entry, windows * SUBSTEPS + 1, path)
     psd, h = _path_psd(c, exit_, entry), duration / (windows * SUBSTEPS)
     against = 0
     for i in range(windows):

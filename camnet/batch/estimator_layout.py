@@ -39,12 +39,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from camnet.batch.compiled import inner_owner, owner
+from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator_field import Kernels, pack_kernels
 from camnet.errors import ConfigError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.concurrent_learning import LAYER_SHARE, SWITCHING
+from camnet.estimation.gap import SUBSTEPS
 from camnet.estimation.propagate import COLUMNS, PRIORS
 from camnet.estimation.radius import REMEMBERED_GAPS
 from camnet.estimation.road_prior import RoadMap, map_of
@@ -118,6 +120,8 @@ COUNT_COLUMNS = 16
 #: rows of the inverse grow by this many at a time; a multiple of a panel's rows
 GROWTH = 8
 _RULES = ("d_optimal",)
+#: written out where it is called: without counting references a function cannot return an array
+_part = njit(inline="always", _nrt=False)
 
 
 class Places(NamedTuple):
@@ -134,6 +138,47 @@ class Places(NamedTuple):
     inverse: int
     rows: int
     padded: int
+
+
+class Work(NamedTuple):
+    """Room for what is computed on the way, so that nothing is made in the loops; sizes with W windows across a gap.
+
+    Nothing in it outlives a call, and no two calls may use it at once: a setup belongs to one thread.
+    """
+
+    #: numbers and values of the kernels in reach of a place (p + 2 columns of their grid), (p,), and their factors
+    places: IntArray
+    sigma: Array
+    factors: Array
+    #: weights on the kernels' grid
+    dense: Array
+    #: (8,) each: W^T sigma, G^T eta_til, misfit of a window, the window's first and last pose
+    field: Array
+    error: Array
+    residual: Array
+    first: Array
+    last: Array
+    #: right side of a weight step and the weights before it (8 p,); an inverse (P P,)
+    right: Array
+    before: Array
+    inverse: Array
+    #: rows over the active kernels (p,)
+    u: Array
+    y: Array
+    old: Array
+    present: Array
+    left: Array
+    #: windows to be offered (W, p), (W, 8), (W,), and the path across a gap (6 W + 1, 7)
+    rows: Array
+    increments: Array
+    shares: Array
+    path: Array
+    #: a measured position and orientation, a fit (14,), a row of ``pose``, weights of a window's samples
+    position: Array
+    orientation: Array
+    fit: Array
+    pose: Array
+    samples: Array
 
 
 class Rules(NamedTuple):
@@ -170,10 +215,11 @@ class Rules(NamedTuple):
     reset_on_sighting: bool
     low: tuple[float, float, float]
     high: tuple[float, float, float]
+    work: Work
 
 
 class EstimatorSetup(NamedTuple):
-    """What all rows share. The arrays of kernels and roads are apart: numbers alone are cheap to pass on."""
+    """What all rows share, and the room that they work in: one thread's at a time."""
 
     kernels: Kernels
     rules: Rules
@@ -228,9 +274,10 @@ def build_setup(
         raise ConfigError(f"n_regions {n_regions}, rate_hz {rate_hz}: both must be positive")
     gap, stack, dt = settings.gap, settings.stack, 1.0 / rate_hz
     intervals = max(1, round(stack.window_s / dt))
+    kernels, samples = pack_kernels(basis), intervals + min(stack.average, intervals)
     rules = Rules(
         size=basis.size,
-        at=_places(basis.size, settings.regression_samples, intervals + min(stack.average, intervals)),
+        at=_places(basis.size, settings.regression_samples, samples),
         models=1 if settings.share else n_regions,
         dt_s=dt,
         k1_per_s=settings.k1_per_s,
@@ -260,8 +307,35 @@ def build_setup(
         reset_on_sighting=settings.reset_on_sighting,
         low=(float(bounds[0, 0]), float(bounds[0, 1]), float(bounds[0, 2])),
         high=(float(bounds[1, 0]), float(bounds[1, 1]), float(bounds[1, 2])),
+        work=_room(kernels, samples, 1 + math.ceil(gap.max_gap_s / stack.window_s)),
     )
-    return EstimatorSetup(pack_kernels(basis), rules, map_of(gap.prior, roads))
+    return EstimatorSetup(kernels, rules, map_of(gap.prior, roads))
+
+
+def _room(kernels: Kernels, samples: int, windows: int) -> Work:
+    p, grid = len(kernels.centres), kernels.number.shape
+    padded = _whole(p)
+    eight = {name: np.zeros(COLUMNS) for name in ("field", "error", "residual", "first", "last")}
+    rows = {name: np.zeros(p) for name in ("sigma", "u", "y", "old", "present", "left")}
+    return Work(
+        **eight,
+        **rows,
+        places=np.zeros(p + 2 * grid[0], dtype=np.int64),
+        factors=np.zeros(4 * (2 * kernels.reach + 1)),
+        dense=np.zeros(COLUMNS * grid[0] * grid[1]),
+        right=np.zeros(COLUMNS * padded),
+        before=np.zeros(COLUMNS * padded),
+        inverse=np.zeros(padded * padded),
+        rows=np.zeros((windows, p)),
+        increments=np.zeros((windows, COLUMNS)),
+        shares=np.zeros(windows),
+        path=np.zeros((windows * SUBSTEPS + 1, 7)),
+        position=np.zeros(3),
+        orientation=np.zeros(4),
+        fit=np.zeros(14),
+        pose=np.zeros(POSE_COLUMNS),
+        samples=np.zeros(samples),
+    )
 
 
 def _whole(n: int) -> int:
@@ -333,7 +407,7 @@ def allocate(
     return state
 
 
-@owner
+@outer
 def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
     """Make row ``row`` as new: nothing seen, nothing learned."""
     pose, flags = state.pose[row], state.flags[row]
@@ -349,7 +423,7 @@ def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
         _reset_model(setup.rules, flags, state.data[row], j)
 
 
-@inner_owner
+@inner
 def _reset_model(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Make model ``j`` of a row as new."""
     model, counts, places = model_of(c, k, d, j), counts_of(c, k, j), place_of(c, k, j)
@@ -368,19 +442,19 @@ def _reset_model(c: Rules, k: IntArray, d: Array, j: int) -> None:
 # --- parts of a row: ``k`` is a row of ``flags``, ``d`` one of ``data``, ``j`` a model -------------------------------
 
 
-@inner_owner
+@_part
 def counts_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Return the counts (COUNT_COLUMNS,) of a model."""
     return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) :]
 
 
-@inner_owner
+@_part
 def order_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Numbers of the active kernels."""
     return k[FLAG_COLUMNS + j * (COUNT_COLUMNS + 2 * c.size) + COUNT_COLUMNS :]
 
 
-@inner_owner
+@_part
 def place_of(c: Rules, k: IntArray, j: int) -> IntArray:
     """Places (p,) of the kernels among the active ones."""
     p = c.size
@@ -388,51 +462,51 @@ def place_of(c: Rules, k: IntArray, j: int) -> IntArray:
     return k[first : first + p]
 
 
-@inner_owner
+@_part
 def model_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Block of a model, its numbers (MODEL_COLUMNS,) first."""
     return d[c.at.models + j * k[BLOCK] :]
 
 
-@inner_owner
+@_part
 def weights_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Weights, flat: 8 numbers an active kernel."""
     return d[c.at.models + j * k[BLOCK] + c.at.weights :]
 
 
-@inner_owner
+@_part
 def moment_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Moment Q, flat: 8 numbers an active kernel."""
     return d[c.at.models + j * k[BLOCK] + c.at.moment :]
 
 
-@inner_owner
+@_part
 def inverse_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Inverse of the implicit step, flat."""
     return d[c.at.models + j * k[BLOCK] + c.at.inverse :]
 
 
-@inner_owner
+@_part
 def row_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
     """Regressor of stack entry ``index`` over the active kernels."""
     return d[c.at.models + j * k[BLOCK] + c.at.rows + index * c.at.padded :]
 
 
-@inner_owner
+@_part
 def increment_of(c: Rules, k: IntArray, d: Array, j: int, index: int) -> Array:
     """Increment (8,) of stack entry ``index``, and in the ninth place when it entered, s."""
     first = c.at.models + j * k[BLOCK] + c.at.rows + k[CAPACITY] * c.at.padded
     return d[first + index * (COLUMNS + 1) :]
 
 
-@inner_owner
+@_part
 def books_of(c: Rules, k: IntArray, d: Array, j: int) -> Array:
     """Leverages (C,) and after them the inverse of the D-optimal rule."""
     first = c.at.models + j * k[BLOCK] + c.at.rows
     return d[first + -(-k[CAPACITY] * (c.at.padded + COLUMNS + 1) // GROWTH) * GROWTH :]
 
 
-@inner_owner
+@_part
 def sigma_of(c: Rules, d: Array, sample: int) -> Array:
     """Sigma over the active kernels of a sample of the window."""
     return d[c.at.sigma + sample * c.at.padded :]

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from camnet.batch.compiled import inner_owner
+from camnet.batch.compiled import inner
 from camnet.batch.estimator_layout import (
     ACTIVE,
     AGREED,
@@ -66,7 +64,7 @@ __all__ = [
 ]
 
 
-@inner_owner
+@inner
 def fit_motion(history: Array, n: int, t_eval: float, out: Array) -> None:
     """Write pose (p, q) and velocity (v, w) at ``t_eval`` to ``out`` (13,): `camnet.estimation.gap.fit_motion`."""
     t_mid = 0.0
@@ -103,7 +101,7 @@ def fit_motion(history: Array, n: int, t_eval: float, out: Array) -> None:
     out[10], out[11], out[12] = w
 
 
-@inner_owner
+@inner
 def fit_held(c: Rules, k: IntArray, d: Array, t_eval: float, out: Array) -> bool:
     """Fit the poses held; False if they are too few, or all of one instant."""
     n = k[HELD]
@@ -113,19 +111,19 @@ def fit_held(c: Rules, k: IntArray, d: Array, t_eval: float, out: Array) -> bool
     return True
 
 
-@inner_owner
+@inner
 def refresh_prior(c: Rules, pose: Array, k: IntArray, d: Array) -> None:
     """Fit the present motion if that is due, and make it the prior mean."""
     if not k[FIT_DUE]:
         return
     k[FIT_DUE] = 0
-    out = np.empty(13)
+    out = c.work.fit
     if fit_held(c, k, d, d[8 * (k[HELD] - 1)], out):
         for i in range(6):
             pose[PRIOR + i] = out[7 + i]
 
 
-@inner_owner
+@inner
 def road_offset(pose: Array, k: IntArray, roads: RoadMap) -> float:
     """How far left of its way on the road the target is, or was when last seen."""
     if not k[SEEN]:
@@ -133,7 +131,7 @@ def road_offset(pose: Array, k: IntArray, roads: RoadMap) -> float:
     return float(offset_of(pose[P], pose[P + 1], pose[PRIOR], pose[PRIOR + 1], roads))
 
 
-@inner_owner
+@inner
 def lose(c: Rules, pose: Array, k: IntArray, d: Array, roads: RoadMap) -> None:
     """Note that the target has become unseen, and how it left."""
     interrupt(c, pose, k, d, pose[LAST_SEEN])
@@ -141,7 +139,7 @@ def lose(c: Rules, pose: Array, k: IntArray, d: Array, roads: RoadMap) -> None:
     k[SEEN] = 0
 
 
-@inner_owner
+@inner
 def interrupt(c: Rules, pose: Array, k: IntArray, d: Array, last_seen_s: float) -> None:
     """End the sighting; how the target left goes to EXIT, HAS_EXIT says whether that can be told."""
     refresh_prior(c, pose, k, d)
@@ -150,7 +148,7 @@ def interrupt(c: Rules, pose: Array, k: IntArray, d: Array, last_seen_s: float) 
     k[FILLED], k[HELD], k[GAP_MODEL] = 0, 0, -1
 
 
-@inner_owner
+@inner
 def _note(d: Array, first: int, t_s: float, p: Array, q: Array, sign: float) -> None:
     d[first] = t_s
     for i in range(3):
@@ -159,7 +157,7 @@ def _note(d: Array, first: int, t_s: float, p: Array, q: Array, sign: float) -> 
         d[first + 4 + i] = sign * q[i]
 
 
-@inner_owner
+@inner
 def note_pose(
     c: Rules,
     k: IntArray,
@@ -198,7 +196,7 @@ def note_pose(
     return bool(filled + 1 == c.intervals + c.average)
 
 
-@inner_owner
+@inner
 def next_window(c: Rules, k: IntArray, d: Array, t_s: float, row: Array, increment: Array) -> bool:
     """Write the complete window to ``row`` and ``increment``; the next begins with its last samples.
 
@@ -217,12 +215,17 @@ def next_window(c: Rules, k: IntArray, d: Array, t_s: float, row: Array, increme
     return bool(_passes(c, k, d, j, t_s, row, increment))
 
 
-@inner_owner
+@inner
 def _close_window(c: Rules, d: Array, row: Array, increment: Array) -> None:
     """Write regressor (n,) and increment (8,) of the window: the mean of ``average`` shifted ones."""
     n, m = c.intervals, c.average
     samples = d[c.at.samples :]
-    weights = np.zeros(n + m)
+    weights, first, last = c.work.samples, c.work.first, c.work.last
+    for i in range(n + m):
+        weights[i] = 0.0
+    for a in range(8):
+        first[a] = 0.0
+        last[a] = 0.0
     for shift in range(m):
         for i in range(shift, shift + n):
             half = 0.5 * (samples[8 * (i + 1)] - samples[8 * i]) / m
@@ -232,7 +235,6 @@ def _close_window(c: Rules, d: Array, row: Array, increment: Array) -> None:
         sigma = sigma_of(c, d, i)
         for a in range(len(row)):
             row[a] += weights[i] * sigma[a]
-    first, last = np.zeros(8), np.zeros(8)
     for i in range(m):
         for a in range(8):
             first[a] += samples[8 * i + a] / m
@@ -247,7 +249,7 @@ def _close_window(c: Rules, d: Array, row: Array, increment: Array) -> None:
     increment[UNIT] = last[0] - first[0]
 
 
-@inner_owner
+@inner
 def misfit(c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array, out: Array) -> None:
     """Write increment - Y W (8,) to ``out``; ``row`` over the active kernels."""
     weights = weights_of(c, k, d, j)
@@ -259,11 +261,11 @@ def misfit(c: Rules, k: IntArray, d: Array, j: int, row: Array, increment: Array
                 out[o] -= row[a] * weights[COLUMNS * a + o]
 
 
-@inner_owner
+@inner
 def _passes(c: Rules, k: IntArray, d: Array, j: int, t_s: float, row: Array, increment: Array) -> bool:
     """Whether the outlier gate lets a window in: `camnet.estimation.learner.OutlierGate`."""
     model = model_of(c, k, d, j)
-    residual = np.empty(COLUMNS)
+    residual = c.work.residual
     misfit(c, k, d, j, row, increment, residual)
     duration = increment[UNIT]
     if abs(residual[UNIT]) > KNOWN_WITHIN * duration:
@@ -287,7 +289,7 @@ def _passes(c: Rules, k: IntArray, d: Array, j: int, t_s: float, row: Array, inc
     return bool(_judge(model, counts_of(c, k, j), far, suspect, t_s))
 
 
-@inner_owner
+@inner
 def _judge(model: Array, counts: IntArray, far: bool, suspect: bool, t_s: float) -> bool:
     if suspect and counts[SUSPECT_RUN] == 0:
         model[RUN_BEGAN] = t_s

@@ -16,9 +16,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from camnet.batch.compiled import inner_owner
+from camnet.batch.compiled import inner
 from camnet.batch.estimator_layout import (
     ACTIVE,
     CAPACITY,
@@ -52,7 +50,7 @@ __all__ = ["activate", "rank_one", "refresh", "settle", "square_norm", "stack_in
 _SETTLE_STEPS = 6
 
 
-@inner_owner
+@inner
 def _widen(matrix: Array, n: int, old: int, new: int) -> None:
     """Move the rows of a square matrix (n, n) from ``old`` to ``new`` > ``old`` apart; new room is zero."""
     for i in range(n - 1, -1, -1):
@@ -62,7 +60,7 @@ def _widen(matrix: Array, n: int, old: int, new: int) -> None:
             matrix[i * new + b] = 0.0
 
 
-@inner_owner
+@inner
 def _new_diagonal(matrix: Array, n: int, stride: int, value: float) -> None:
     for i in range(n):
         matrix[i * stride + n] = 0.0
@@ -71,7 +69,7 @@ def _new_diagonal(matrix: Array, n: int, stride: int, value: float) -> None:
     matrix[n * stride + n] = value
 
 
-@inner_owner
+@inner
 def activate(c: Rules, k: IntArray, d: Array, j: int, kernel: int) -> int:
     """Make a kernel active in model ``j``; return its place."""
     counts = counts_of(c, k, j)
@@ -105,7 +103,7 @@ def activate(c: Rules, k: IntArray, d: Array, j: int, kernel: int) -> int:
 # --- the weight law --------------------------------------------------------------------------------------------------
 
 
-@inner_owner
+@inner
 def square_norm(weights: Array, n: int) -> float:
     """Sum of squares of ``n`` rows of eight, eight sums side by side."""
     s0, s1, s2, s3, s4, s5, s6, s7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -121,7 +119,7 @@ def square_norm(weights: Array, n: int) -> float:
     return s0 + s1 + s2 + s3 + s4 + s5 + s6 + s7
 
 
-@inner_owner
+@inner
 def step(
     c: Rules,
     k: IntArray,
@@ -129,59 +127,62 @@ def step(
     j: int,
     inverse: Array,
     rate: float,
-    index: IntArray,
-    sigma: Array,
-    error: Array,
+    count: int,
 ) -> None:
     """One step of the weights: ``inverse`` and ``rate`` = dt gamma belong to the same dt.
 
-    The feedback is sigma (at the active kernels that ``index`` begins with) and ``error`` (8,) = G^T eta_til; with an
-    empty sigma the weights move on the stack alone.
+    The feedback is sigma at ``count`` active kernels (``c.work.sigma``, ``c.work.places``) and ``c.work.error`` =
+    G^T eta_til; with none of them the weights move on the stack alone.
     """
+    index, sigma, error = c.work.places, c.work.sigma, c.work.error
     counts, model = counts_of(c, k, j), model_of(c, k, d, j)
     weights, moment = weights_of(c, k, d, j), moment_of(c, k, d, j)
     n, bound2 = counts[ACTIVE], c.weight_bound * c.weight_bound
     if n == 0:
         return
-    right, share = np.empty(COLUMNS * n), rate * c.kcl
+    right, share = c.work.right, rate * c.kcl
     for i in range(COLUMNS * n):
         right[i] = weights[i] + share * moment[i]
-    for m in range(len(sigma)):
+    for m in range(count):
         first, feedback = COLUMNS * index[m], rate * sigma[m]
         for o in range(COLUMNS):
             right[first + o] += feedback * error[o]
     near = model[NORM2] > bound2
     # a step that begins below the bound is only held back at the rim: then it matters not where it began
-    before = weights[: COLUMNS * n].copy() if near else np.zeros(0)
+    before = c.work.before
+    if near:
+        for i in range(COLUMNS * n):
+            before[i] = weights[i]
     panel_product(inverse, counts[STRIDE], n, right, weights)
     norm2 = square_norm(weights, n)
     # this norm is over all columns, the unit output's included, and no smaller than the projection's own
     if near or norm2 > bound2:
         if not near:
-            before = np.zeros(COLUMNS * n)
+            for i in range(COLUMNS * n):
+                before[i] = 0.0
         after = weights[: COLUMNS * n].reshape((n, COLUMNS))
-        project_step(before.reshape((n, COLUMNS)), after, TWIST_OUTPUTS, c.weight_bound, c.weight_layer)
+        began = before[: COLUMNS * n].reshape((n, COLUMNS))
+        project_step(began, after, TWIST_OUTPUTS, c.weight_bound, c.weight_layer)
         norm2 = square_norm(weights, n)
     model[NORM2] = norm2
 
 
-@inner_owner
+@inner
 def settle(c: Rules, k: IntArray, d: Array, j: int, duration_s: float) -> None:
     """Advance the weights by ``duration_s`` on the stack alone, in a few long implicit steps."""
     counts = counts_of(c, k, j)
     if counts[WINDOWS] == 0 or duration_s <= 0.0:
         return
-    rate, nothing = duration_s / _SETTLE_STEPS * c.gamma, np.empty(0)
-    inverse = np.empty(counts[STRIDE] * counts[STRIDE])
+    rate, inverse = duration_s / _SETTLE_STEPS * c.gamma, c.work.inverse
     stack_inverse(c, k, d, j, rate * c.kcl, 1.0 + rate * c.kcl * c.leakage, inverse)
     for _ in range(_SETTLE_STEPS):
-        step(c, k, d, j, inverse, rate, k, nothing, nothing)
+        step(c, k, d, j, inverse, rate, 0)
 
 
 # --- the inverse -----------------------------------------------------------------------------------------------------
 
 
-@inner_owner
+@inner
 def stack_inverse(c: Rules, k: IntArray, d: Array, j: int, scale: float, shift: float, out: Array) -> None:
     """Write (``scale`` sum Y^T Y + ``shift`` I)^-1 over the active kernels to ``out``, flat, rows STRIDE apart.
 
@@ -201,7 +202,7 @@ def stack_inverse(c: Rules, k: IntArray, d: Array, j: int, scale: float, shift: 
                 share = scale * row[a]
                 for b in range(n):
                     out[a * stride + b] += share * row[b]
-    pivot_row = np.empty(n)
+    pivot_row = c.work.u
     for i in range(n):
         pivot = 1.0 / out[i * stride + i]
         for b in range(n):
@@ -222,7 +223,7 @@ def stack_inverse(c: Rules, k: IntArray, d: Array, j: int, scale: float, shift: 
             out[b * stride + a] = mean
 
 
-@inner_owner
+@inner
 def refresh(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Compute the inverse of the implicit step afresh, if it waits for that."""
     counts, rate = counts_of(c, k, j), c.dt_s * c.kcl * c.gamma
@@ -231,10 +232,11 @@ def refresh(c: Rules, k: IntArray, d: Array, j: int) -> None:
         counts[CHANGES], counts[STALE] = 0, 0
 
 
-@inner_owner
-def rank_one(matrix: Array, n: int, stride: int, y: Array, scale: float, sign: float) -> Array:
-    """Sherman-Morrison in place for ``scale`` y, as `camnet.estimation.selection.rank_one`; return its u (n,)."""
-    u = np.zeros(n)
+@inner
+def rank_one(matrix: Array, n: int, stride: int, y: Array, scale: float, sign: float, u: Array) -> None:
+    """Sherman-Morrison in place for ``scale`` y, as `camnet.estimation.selection.rank_one`; its u goes to ``u``."""
+    for i in range(n):
+        u[i] = 0.0
     for i in range(n):
         if y[i] != 0.0:
             share = scale * y[i]
@@ -250,4 +252,3 @@ def rank_one(matrix: Array, n: int, stride: int, y: Array, scale: float, sign: f
         f = sign * u[i]
         for b in range(n):
             matrix[i * stride + b] -= f * u[b]
-    return u

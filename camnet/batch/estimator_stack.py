@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from camnet.batch.compiled import inner_owner
+from camnet.batch.compiled import inner
 from camnet.batch.estimator_layout import (
     ACTIVE,
     CAPACITY,
@@ -45,7 +43,7 @@ from camnet.types import Array, IntArray
 __all__ = ["forget", "learn_window", "open_books"]
 
 
-@inner_owner
+@inner
 def learn_window(
     c: Rules,
     k: IntArray,
@@ -62,7 +60,7 @@ def learn_window(
     if n == 0:
         return
     root = math.sqrt(weight)
-    y, old = np.empty(n), np.empty(n)
+    y, old = c.work.y, c.work.old
     for a in range(n):
         y[a] = root * row[a]
     full = index == k[CAPACITY]
@@ -82,15 +80,15 @@ def learn_window(
         _book(c, k, d, j, index, old, y)
     inverse, rate, stride = inverse_of(c, k, d, j), math.sqrt(c.dt_s * c.kcl * c.gamma), counts[STRIDE]
     if not counts[STALE]:
-        rank_one(inverse, n, stride, y, rate, 1.0)
+        rank_one(inverse, n, stride, y, rate, 1.0, c.work.u)
         if full:
-            rank_one(inverse, n, stride, old, rate, -1.0)
+            rank_one(inverse, n, stride, old, rate, -1.0, c.work.u)
     counts[CHANGES] += 2 if full else 1
     if counts[CHANGES] >= REFRESH_EVERY:
         counts[STALE] = 1
 
 
-@inner_owner
+@inner
 def _write(
     c: Rules,
     k: IntArray,
@@ -103,7 +101,7 @@ def _write(
     t_s: float,
 ) -> None:
     row, held = row_of(c, k, d, j, index), increment_of(c, k, d, j, index)
-    for a in range(len(y)):
+    for a in range(counts_of(c, k, j)[ACTIVE]):
         row[a] = y[a]
     for o in range(COLUMNS):
         held[o] = root * increment[o]
@@ -111,7 +109,7 @@ def _write(
     _add_to_moment(c, k, d, j, index, 1.0)
 
 
-@inner_owner
+@inner
 def _add_to_moment(c: Rules, k: IntArray, d: Array, j: int, index: int, sign: float) -> None:
     row, increment = row_of(c, k, d, j, index), increment_of(c, k, d, j, index)
     moment = moment_of(c, k, d, j)
@@ -122,7 +120,7 @@ def _add_to_moment(c: Rules, k: IntArray, d: Array, j: int, index: int, sign: fl
                 moment[COLUMNS * a + o] += share * increment[o]
 
 
-@inner_owner
+@inner
 def _dot(a: Array, b: Array, n: int) -> float:
     """Product over ``n`` numbers, four sums side by side."""
     whole = n - n % 4
@@ -140,14 +138,16 @@ def _dot(a: Array, b: Array, n: int) -> float:
 # --- the D-optimal rule ----------------------------------------------------------------------------------------------
 
 
-@inner_owner
+@inner
 def _choose(c: Rules, k: IntArray, d: Array, j: int, y: Array) -> int:
     """Entry that should give way to ``y``, or -1."""
     counts = counts_of(c, k, j)
     n, stride = counts[ACTIVE], counts[STRIDE]
     books = books_of(c, k, d, j)
     inverse = books[k[CAPACITY] :]
-    u = np.zeros(n)
+    u = c.work.u
+    for i in range(n):
+        u[i] = 0.0
     for i in range(n):
         if y[i] != 0.0:
             for b in range(n):
@@ -161,7 +161,7 @@ def _choose(c: Rules, k: IntArray, d: Array, j: int, y: Array) -> int:
     return best
 
 
-@inner_owner
+@inner
 def open_books(c: Rules, k: IntArray, d: Array, j: int) -> None:
     """Compute (Psi + regularisation I)^-1 and the leverages of all entries, if the stack is full and has none."""
     counts, books = counts_of(c, k, j), books_of(c, k, d, j)
@@ -173,7 +173,7 @@ def open_books(c: Rules, k: IntArray, d: Array, j: int) -> None:
     counts[SELECTING], counts[SELECTED] = 1, 0
 
 
-@inner_owner
+@inner
 def _leverage(c: Rules, k: IntArray, d: Array, j: int, index: int) -> float:
     counts = counts_of(c, k, j)
     n, stride = counts[ACTIVE], counts[STRIDE]
@@ -185,17 +185,17 @@ def _leverage(c: Rules, k: IntArray, d: Array, j: int, index: int) -> float:
     return total
 
 
-@inner_owner
+@inner
 def _follow(c: Rules, k: IntArray, d: Array, j: int, y: Array, sign: float) -> None:
     """Change the inverse and all leverages for a row that entered (+1) or left (-1)."""
     counts, books = counts_of(c, k, j), books_of(c, k, d, j)
-    n = counts[ACTIVE]
-    u = rank_one(books[k[CAPACITY] :], n, counts[STRIDE], y, 1.0, sign)
+    n, u = counts[ACTIVE], c.work.u
+    rank_one(books[k[CAPACITY] :], n, counts[STRIDE], y, 1.0, sign, u)
     for i in range(counts[WINDOWS]):
         books[i] -= sign * _dot(row_of(c, k, d, j, i), u, n) ** 2
 
 
-@inner_owner
+@inner
 def _book(c: Rules, k: IntArray, d: Array, j: int, index: int, old: Array, y: Array) -> None:
     """Entry ``index`` was replaced."""
     counts = counts_of(c, k, j)
@@ -210,13 +210,16 @@ def _book(c: Rules, k: IntArray, d: Array, j: int, index: int, old: Array, y: Ar
 # --- forgetting ------------------------------------------------------------------------------------------------------
 
 
-@inner_owner
+@inner
 def forget(c: Rules, k: IntArray, d: Array, j: int, row: Array, before_s: float) -> None:
     """Drop the windows of places like ``row`` that entered before ``before_s``; weights fade with what they lose."""
     counts = counts_of(c, k, j)
     n, held, keep = counts[ACTIVE], counts[WINDOWS], 0
     length = math.sqrt(_dot(row, row, n))
-    present, left = np.zeros(n), np.zeros(n)
+    present, left = c.work.present, c.work.left
+    for a in range(n):
+        present[a] = 0.0
+        left[a] = 0.0
     for i in range(held):
         y, increment = row_of(c, k, d, j, i), increment_of(c, k, d, j, i)
         alike = _dot(y, row, n) > ALIKE * (math.sqrt(_dot(y, y, n)) * length)
@@ -236,7 +239,7 @@ def forget(c: Rules, k: IntArray, d: Array, j: int, row: Array, before_s: float)
     _after_loss(c, k, d, j, present, left)
 
 
-@inner_owner
+@inner
 def _move(c: Rules, k: IntArray, d: Array, j: int, source: int, place: int) -> None:
     """Move a stack entry."""
     row, increment = row_of(c, k, d, j, source), increment_of(c, k, d, j, source)
@@ -247,7 +250,7 @@ def _move(c: Rules, k: IntArray, d: Array, j: int, source: int, place: int) -> N
         increment_to[o] = increment[o]
 
 
-@inner_owner
+@inner
 def _after_loss(c: Rules, k: IntArray, d: Array, j: int, present: Array, left: Array) -> None:
     """Take sums and inverse from what is left, and weights in proportion to the diagonal of Psi."""
     counts = counts_of(c, k, j)

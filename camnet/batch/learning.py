@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
 from camnet.batch.borrow import lend
-from camnet.batch.compiled import inner, inner_owner, owner
-from camnet.batch.estimator import EstimatorSetup, EstimatorState, correct, estimate, predict, rollout
+from camnet.batch.compiled import inner, owner
+from camnet.batch.estimator import (
+    EstimatorSetup,
+    EstimatorState,
+    correct_lent,
+    estimate_lent,
+    predict_lent,
+    rollout_lent,
+)
 from camnet.batch.estimator_layout import T
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
 from camnet.batch.network import Model
@@ -34,11 +41,11 @@ def update(est: Learning, state: State, e: int, m: int, t_s: float) -> None:
     """Advance the estimator of target ``m`` to ``t_s``, with the measurement if there is one."""
     r, z = e * state.target.shape[1] + m, state.measured[e, m]
     if z[7] < 0.0:
-        predict(est.setup, est.rows, r, t_s)
+        predict_lent(est.setup, est.rows, r, t_s)
     else:
-        correct(est.setup, est.rows, r, t_s, z[0:3], z[3:7], int(z[7]))
+        correct_lent(est.setup, est.rows, r, t_s, z[0:3], z[3:7], int(z[7]))
     row = state.estimate[e, m]
-    region = estimate(est.setup, est.rows, r, row)
+    region = estimate_lent(est.setup, est.rows, r, row)
     row[16], row[15] = row[15], float(region)
 
 
@@ -46,13 +53,13 @@ def update(est: Learning, state: State, e: int, m: int, t_s: float) -> None:
 def roll_out(est: Learning, model: Model, state: State, e: int, m: int, wide: Array, path: Array) -> float:
     """Write the predicted points and error radii (K, 4) to ``path``, by way of ``wide`` (K, 8); time before it, s."""
     r = e * state.target.shape[1] + m
-    rollout(est.setup, est.rows, r, model.rollout_dt_s, wide)
+    rollout_lent(est.setup, est.rows, r, model.rollout_dt_s, wide)
     for k in range(path.shape[0]):
         path[k, 0], path[k, 1], path[k, 2], path[k, 3] = wide[k, 0], wide[k, 1], wide[k, 2], wide[k, 7]
     return float(est.rows.pose[r, T])
 
 
-@inner_owner
+@inner
 def _decide_one(
     model: Model,
     state: State,
