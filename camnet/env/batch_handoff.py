@@ -155,6 +155,11 @@ class BatchHandoff:
         """Which agents (E, N) work now."""
         return self._failures.alive.copy()
 
+    @property
+    def agents_can_fail(self) -> bool:
+        """Whether anybody can fail at all."""
+        return self._failures.possible
+
     def action_masks(self) -> NDArray[np.int8] | None:
         """Which actions (E, N, A) mean something now; None where all do, as in modes other than ``assign``."""
         return None if self._beliefs is None else self._mode.mask(self._beliefs)

@@ -7,6 +7,11 @@
 
 Episodes start again by themselves in the step that ends them; the last observation of the old one is in the infos, as
 are its figures.
+
+Agents that fail. Vector environments have as many rows as ever, so an agent that has failed keeps its place:
+`BatchVectorEnv` tells who works in ``infos["alive"]`` (E, N). In the rows of `sb3_vec_env` the episode of an agent ends
+(``done``, with its last observation as ``terminal_observation``) in the step in which it fails; until its environment's
+episode is over its row shows zeros, earns nothing and takes any action.
 """
 
 from __future__ import annotations
@@ -51,7 +56,7 @@ class BatchVectorEnv(VectorEnv[_Observations, NDArray[np.float32], Array]):
         self.env, self.num_envs = env, env.environments
         low, high = (np.tile(bound, (env.n_agents, 1)) for bound in (env.layout.low, env.layout.high))
         self.single_observation_space = spaces.Box(low, high, dtype=np.float32)
-        self.single_action_space = spaces.Box(-1.0, 1.0, (env.n_agents, 5), dtype=np.float32)
+        self.single_action_space = batch_space(env.action_space, env.n_agents)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
@@ -72,6 +77,8 @@ class BatchVectorEnv(VectorEnv[_Observations, NDArray[np.float32], Array]):
         """Fly one decision in all environments."""
         step = self.env.step(actions)
         infos: dict[str, Any] = {}
+        if self.env.agents_can_fail:
+            infos = {"alive": step.alive, "_alive": np.ones(self.num_envs, dtype=bool)}
         for e, figures in step.finished.items():
             last = {"episode": {"r": figures["return"], "l": figures["length"]}, "metrics": figures}
             infos = self._add_info(infos, {"final_obs": step.last[e], "final_info": last}, e)
@@ -111,10 +118,10 @@ def sb3_vec_env(env: BatchHandoff) -> Any:  # noqa: ANN401 - the class exists wh
         def __init__(self) -> None:
             self.env, self._n = env, env.n_agents
             observation = spaces.Box(env.layout.low, env.layout.high, dtype=np.float32)
-            action = spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
-            super().__init__(env.environments * self._n, observation, action)
+            super().__init__(env.environments * self._n, observation, env.action_space)
             self._first_seed: int | None = None
-            self._actions = np.zeros((env.environments, self._n, 5), dtype=np.float32)
+            shape, kind = (env.environments, self._n, *(env.action_space.shape or ())), env.action_space.dtype
+            self._actions: NDArray[Any] = np.zeros(shape, dtype=kind)
 
         def seed(self, seed: int | None = None) -> list[int | None]:
             """Choose the episodes of the next reset: environment e takes seed + e."""
@@ -129,22 +136,24 @@ def sb3_vec_env(env: BatchHandoff) -> Any:  # noqa: ANN401 - the class exists wh
 
         def step_async(self, actions: NDArray[Any]) -> None:
             """Take the actions of all rows."""
-            self._actions = np.asarray(actions, dtype=np.float32).reshape(self._actions.shape)
+            self._actions = np.asarray(actions, dtype=self._actions.dtype).reshape(self._actions.shape)
 
         def step_wait(self) -> tuple[_Observations, NDArray[np.float32], BoolArray, list[dict[str, Any]]]:
             """Fly one decision in all environments."""
+            before = env.alive
             step = env.step(self._actions)
             infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+            dones = step.failed | (step.terminated | step.truncated)[:, None]
+            for e, k in np.argwhere(dones).tolist():
+                cut = step.truncated[e] and before[e, k] and not step.failed[e, k]
+                infos[e * self._n + k]["terminal_observation"] = step.last[e, k]
+                infos[e * self._n + k]["TimeLimit.truncated"] = bool(cut)
             for e, figures in step.finished.items():
-                first = e * self._n
-                for k in range(self._n):
-                    infos[first + k]["terminal_observation"] = step.last[e, k]
-                    infos[first + k]["TimeLimit.truncated"] = bool(step.truncated[e])
-                infos[first]["episode"] = {"r": figures["return"], "l": figures["length"]}
-                infos[first]["metrics"] = figures
-            rewards = np.repeat(step.rewards, self._n).astype(np.float32)
-            dones = np.repeat(step.terminated | step.truncated, self._n)
-            return step.observations.reshape(self.num_envs, -1), rewards, dones, infos
+                infos[e * self._n]["episode"] = {"r": figures["return"], "l": figures["length"]}
+                infos[e * self._n]["metrics"] = figures
+            rewards = np.where(before, step.rewards[:, None], 0.0).astype(np.float32)
+            shown = np.where(step.alive[..., None], step.observations, np.float32(0.0))
+            return shown.reshape(self.num_envs, -1), rewards.reshape(-1), dones.reshape(-1), infos
 
         def close(self) -> None:
             """End the environments' threads."""

@@ -11,6 +11,7 @@ space; these do not. `camnet.env.strategies` makes random environments to run th
 | `check_pettingzoo` | PettingZoo's API tests of the parallel form and of its AEC conversion, silent |
 | `check_containment` | whole random episodes: spaces, types, finiteness, keys; agents that ended stay away |
 | `check_repeatable` | a seed gives one episode, bit for bit, in two instances and after another episode |
+| `check_batch` | the same for the batch form: see `camnet.env.conformance_batch` |
 """
 
 from __future__ import annotations
@@ -28,9 +29,12 @@ from pettingzoo import ParallelEnv
 from pettingzoo.test import api_test, parallel_api_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
+from camnet.env.conformance_batch import ConformanceError, check_batch
+
 __all__ = [
     "ConformanceError",
     "check_all",
+    "check_batch",
     "check_containment",
     "check_pettingzoo",
     "check_repeatable",
@@ -41,10 +45,6 @@ MakeEnv = Callable[[], ParallelEnv[str, Any, Any]]
 
 
 _RETURNED = ("observations", "rewards", "terminations", "truncations", "infos")
-
-
-class ConformanceError(AssertionError):
-    """The environment breaks a rule; the message says which, where and with what value."""
 
 
 def check_all(make_env: MakeEnv, episodes: int = 2, seed: int = 0) -> None:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.agents import AgentContext, build_team, network_contexts
+from camnet.agents import AgentContext, network_contexts
+from camnet.agents.together import build_together
 from camnet.env.batch_handoff import BatchHandoff
 from camnet.env.batch_vector import sb3_vec_env
 from camnet.training.rows import FeatureRows, Rule
@@ -54,13 +55,10 @@ def _open(world: str, environments: int, settings: TrainSettings) -> WorldRows:
 
 def rule_on_rows(agent: str, known: Mapping[str, AgentContext], environments: int, seed: int = 0) -> Rule:
     """Built-in agent ``agent`` on the rows of so many environments."""
-    names, teams = list(known), [build_team(agent, known, seed + e) for e in range(environments)]
+    team = build_together(agent, known, range(seed, seed + environments))
+    everybody = np.ones((environments, len(known)), dtype=bool)
 
     def act(shown: NDArray[np.float32]) -> NDArray[np.float32]:
-        rows: list[NDArray[np.float32]] = []
-        for e, team in enumerate(teams):
-            chosen = team(dict(zip(names, shown[e * len(names) : (e + 1) * len(names)], strict=True)))
-            rows += [chosen[name] for name in names]
-        return np.asarray(rows, dtype=np.float32)
+        return team(shown.reshape(environments, len(known), -1), everybody).reshape(len(shown), -1)
 
     return act
