@@ -23,8 +23,19 @@ from __future__ import annotations
 
 import math
 
-from camnet.batch.compiled import outer
-from camnet.batch.triples import Quaternion, Triple, cosine_and_sine, multiply, rotate, size, turn
+from camnet.batch.compiled import inlined, outer
+from camnet.batch.triples import (
+    Quaternion,
+    Triple,
+    circle,
+    cosine_and_sine,
+    cross,
+    multiply,
+    rotate,
+    rotate_inverse,
+    size,
+    turn,
+)
 from camnet.types import Array
 
 __all__ = ["camera_of", "fly"]
@@ -33,7 +44,7 @@ _Matrix = tuple[Triple, Triple, Triple]
 _FourRotors = tuple[float, float, float, float]
 
 
-@outer
+@inlined
 def _matrix(x: float, y: float, z: float, w: float) -> _Matrix:
     """Rows of the rotation matrix of the quaternion x y z w."""
     return (
@@ -43,7 +54,7 @@ def _matrix(x: float, y: float, z: float, w: float) -> _Matrix:
     )
 
 
-@outer
+@inlined
 def _out_of(r: _Matrix, v: Triple) -> Triple:
     """``r v``."""
     return (
@@ -53,7 +64,7 @@ def _out_of(r: _Matrix, v: Triple) -> Triple:
     )
 
 
-@outer
+@inlined
 def _into(r: _Matrix, v: Triple) -> Triple:
     """``r^T v``."""
     return (
@@ -63,7 +74,7 @@ def _into(r: _Matrix, v: Triple) -> Triple:
     )
 
 
-@outer
+@inlined
 def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Array) -> tuple[Triple, Triple]:
     """Commanded acceleration before gravity and drag, and the velocity integral after the step."""
     kv, ki, a_max = c[16], c[17], c[15]
@@ -77,7 +88,7 @@ def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Array)
     return (fx, fy, fz), (integral[0] + gain * ex, integral[1] + gain * ey, integral[2] + gain * ez)
 
 
-@outer
+@inlined
 def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Array) -> Triple:
     """Angular velocity of the desired thrust direction, filtered and bounded."""
     decay, fastest, per_s = c[24], c[25], 1.0 / c[0]
@@ -93,7 +104,7 @@ def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Array) -> Triple:
     return x, y, z
 
 
-@outer
+@inlined
 def _torque(
     r: _Matrix, axis: Triple, heading: tuple[float, float], w: Triple, rate: Triple, c: Array
 ) -> Triple:
@@ -118,22 +129,9 @@ def _torque(
     )
 
 
-@outer
-def _rotor(square: float, speed: float, c: Array) -> tuple[float, float]:
-    """Speed of a rotor after a period, asked for the squared speed; and the mean of its square on the way."""
-    fastest, substeps = c[8], int(c[26])
-    goal = math.sqrt(min(max(square, 0.0), fastest * fastest))
-    total = 0.0
-    for _ in range(substeps):
-        driven = min(max(speed + c[23] * (goal - speed), 0.0), fastest)
-        speed = driven + (speed - driven) * c[9]
-        total += speed * speed
-    return speed, total / substeps
-
-
-@outer
-def _spin(rotors: _FourRotors, thrust: float, tau: Triple, c: Array) -> tuple[_FourRotors, float, Triple]:
-    """Allocate, saturate and lag the rotors; their speeds, and the mean thrust and torque they make."""
+@inlined
+def allocate(thrust: float, tau: Triple, c: Array) -> _FourRotors:
+    """Speeds of the rotors that make thrust and torque, within what they can; rad/s."""
     arm, k, kq = c[5], c[6], c[7]
     t, x, y, z = thrust / k, tau[0] / (arm * k), tau[1] / (arm * k), tau[2] / kq
     most = c[8] * c[8]
@@ -141,19 +139,81 @@ def _spin(rotors: _FourRotors, thrust: float, tau: Triple, c: Array) -> tuple[_F
     h, i = min(max(0.25 * (t - x + y), 0.0), most), min(max(0.25 * (t - x - y), 0.0), most)
     low, high = max(-f, g - most, -h, i - most), min(most - f, g, most - h, i)
     turn = min(max(0.25 * z, low), high)  # yaw takes what lift, roll and pitch leave
-    a, aa = _rotor(f + turn, rotors[0], c)
-    b, bb = _rotor(g - turn, rotors[1], c)
-    d, dd = _rotor(h + turn, rotors[2], c)
-    e, ee = _rotor(i - turn, rotors[3], c)
-    made = (arm * k * (aa + bb - dd - ee), arm * k * (bb + dd - aa - ee), kq * (aa - bb + dd - ee))
-    return (a, b, d, e), k * (aa + bb + dd + ee), made
+    return (
+        math.sqrt(min(max(f + turn, 0.0), most)),
+        math.sqrt(min(max(g - turn, 0.0), most)),
+        math.sqrt(min(max(h + turn, 0.0), most)),
+        math.sqrt(min(max(i - turn, 0.0), most)),
+    )
 
 
-@outer
-def _rigid_step(
-    p: Triple, q: Quaternion, v: Triple, w: Triple, dv: Triple, torque: Triple, dt: float, c: Array
-) -> tuple[Triple, Quaternion, Triple, Triple]:
-    """One step of the rigid body: ``dv`` is what its velocity gains, ``torque`` acts in the world frame."""
+@inlined
+def aim_thrust(
+    q: Quaternion,
+    v: Triple,
+    w: Triple,
+    u: Triple,
+    a: Triple,
+    heading: tuple[float, float],
+    integral: Triple,
+    axis: Triple,
+    axis_rate: Triple,
+    c: Array,
+) -> tuple[_FourRotors, Triple, Triple, Triple, Triple]:
+    """Speeds asked of the rotors, the body's own angular velocity, and what is remembered: integral, axis, its rate."""
+    mass, gravity = c[1], c[13]
+    r = _matrix(q[1], q[2], q[3], q[0])
+    wb, vb = _into(r, w), _into(r, v)
+    f, integral = _specific_force(_slowed(u, c[14]), a, v, integral, c)
+    drag = _out_of(r, (c[10] * vb[0], c[11] * vb[1], c[12] * vb[2]))
+    fx, fy = mass * f[0] + drag[0], mass * f[1] + drag[1]
+    fz = max(mass * (f[2] + gravity) + drag[2], 0.3 * mass * gravity)
+    scale = 1.0 / size(fx, fy, fz)
+    new_axis = (fx * scale, fy * scale, fz * scale)
+    rate = _axis_rate(axis, new_axis, axis_rate, c)
+    thrust = fx * r[0][2] + fy * r[1][2] + fz * r[2][2]
+    return allocate(thrust, _torque(r, new_axis, heading, wb, rate, c), c), wb, integral, new_axis, rate
+
+
+@inlined
+def _slowed(u: Triple, v_max: float) -> Triple:
+    """Velocity ``u``, at most as fast as ``v_max``."""
+    speed = size(u[0], u[1], u[2])
+    scale = v_max / speed if speed > v_max else 1.0
+    return u[0] * scale, u[1] * scale, u[2] * scale
+
+
+@inlined
+def lag_rotor(goal: float, speed: float, c: Array) -> float:
+    """Speed of a rotor after a physics step in which ``goal`` is asked for."""
+    driven = min(max(speed + c[23] * (goal - speed), 0.0), c[8])
+    return driven + (speed - driven) * c[9]
+
+
+@inlined
+def push(q: Quaternion, v: Triple, wind: Triple, squares: _FourRotors, c: Array) -> tuple[Triple, Triple]:
+    """Gain of velocity in a physics step, and torque in the world; ``squares`` of speeds are summed over a period."""
+    mass, gravity, share = c[1], c[13], 1.0 / c[26]
+    dt, lever, kq = c[0] * share, c[5] * c[6] * share, c[7] * share
+    s = squares
+    r = _matrix(q[1], q[2], q[3], q[0])
+    lift = c[6] * share * (s[0] + s[1] + s[2] + s[3])
+    tau = (
+        lever * (s[0] + s[1] - s[2] - s[3]),
+        lever * (s[1] + s[2] - s[0] - s[3]),
+        kq * (s[0] - s[1] + s[2] - s[3]),
+    )
+    air = _into(r, (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]))
+    force = _out_of(r, (-c[10] * air[0], -c[11] * air[1], lift - c[12] * air[2]))
+    gain = (dt / mass * force[0], dt / mass * force[1], dt * (force[2] / mass - gravity))
+    return gain, _out_of(r, tau)
+
+
+@inlined
+def rigid_step(
+    p: Triple, q: Quaternion, v: Triple, w: Triple, gain: Triple, torque: Triple, dt: float, c: Array
+) -> tuple[Triple, Triple, Triple]:
+    """Position and velocities after a physics step: ``gain`` is what velocity gains, ``torque`` is in the world."""
     r = _matrix(q[1], q[2], q[3], q[0])
     wb, tau = _into(r, w), _into(r, torque)
     jx, jy, jz = c[2], c[3], c[4]
@@ -164,15 +224,20 @@ def _rigid_step(
     )
     a = _out_of(r, grown)
     w = (w[0] + a[0], w[1] + a[1], w[2] + a[2])
-    v = (v[0] + dv[0], v[1] + dv[1], v[2] + dv[2])
-    p = (p[0] + dt * v[0], p[1] + dt * v[1], p[2] + dt * v[2])
-    q = multiply(turn(dt * w[0], dt * w[1], dt * w[2]), q)
-    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return p, (q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale), v, w
+    v = (v[0] + gain[0], v[1] + gain[1], v[2] + gain[2])
+    return (p[0] + dt * v[0], p[1] + dt * v[1], p[2] + dt * v[2]), v, w
 
 
-@outer
-def _joint(angle: float, rate: float, goal: float, c: Array) -> tuple[float, float]:
+@inlined
+def spun(by: Quaternion, q: Quaternion) -> Quaternion:
+    """``by q``, normalised: both are of unit length to rounding, so one step of Newton's for the root is exact."""
+    q = multiply(by, q)
+    scale = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
+
+
+@inlined
+def joint(angle: float, rate: float, goal: float, c: Array) -> tuple[float, float]:
     """One gimbal joint after a physics step: angle and rate."""
     fastest = c[20]
     goal = min(max(goal, -fastest), fastest)
@@ -180,8 +245,8 @@ def _joint(angle: float, rate: float, goal: float, c: Array) -> tuple[float, flo
     return angle + c[0] / c[26] * rate, rate
 
 
-@outer
-def _gimbal_goals(
+@inlined
+def gimbal_goals(
     yaw: tuple[float, float], pan: tuple[float, float], tilt: tuple[float, float], u: Triple, w: Triple
 ) -> Triple:
     """Joint rates that turn the camera as commanded, given the joints' (cosine, sine) and the body's rate."""
@@ -197,11 +262,16 @@ def _gimbal_goals(
     return yaw_rate, c2 * wy - s2 * wz, wx - s1 * yaw_rate
 
 
-@outer
-def _turned(angle: tuple[float, float], by: float) -> tuple[float, float]:
-    """(cosine, sine) of an angle that grew by a little."""
-    c, s = cosine_and_sine(by)
-    return angle[0] * c - angle[1] * s, angle[1] * c + angle[0] * s
+@inlined
+def turned(angle: tuple[float, float], by: tuple[float, float]) -> tuple[float, float]:
+    """(cosine, sine) of the sum of two angles."""
+    return angle[0] * by[0] - angle[1] * by[1], angle[1] * by[0] + angle[0] * by[1]
+
+
+@inlined
+def between(a: Triple, b: Triple, share: float) -> Triple:
+    """Point that is ``share`` of the way from ``a`` to ``b``."""
+    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])
 
 
 @outer
@@ -212,25 +282,29 @@ def _turn_gimbal(
     substeps = int(c[26])
     yaw, pan, tilt = cosine_and_sine(joints[0]), cosine_and_sine(joints[1]), cosine_and_sine(joints[2])
     for k in range(substeps):
-        share = (k + 0.5) / substeps
-        w = (
-            w0[0] + share * (w1[0] - w0[0]),
-            w0[1] + share * (w1[1] - w0[1]),
-            w0[2] + share * (w1[2] - w0[2]),
-        )
-        goals = _gimbal_goals(yaw, pan, tilt, u, w)
-        a, a_rate = _joint(joints[0], rates[0], goals[0], c)
-        b, b_rate = _joint(joints[1], rates[1], goals[1], c)
-        d, d_rate = _joint(joints[2], rates[2], goals[2], c)
+        goals = gimbal_goals(yaw, pan, tilt, u, between(w0, w1, (k + 0.5) / substeps))
+        a, a_rate = joint(joints[0], rates[0], goals[0], c)
+        b, b_rate = joint(joints[1], rates[1], goals[1], c)
+        d, d_rate = joint(joints[2], rates[2], goals[2], c)
         if abs(b) > c[22]:
             b, b_rate = min(max(b, -c[22]), c[22]), 0.0
-        yaw, pan, tilt = (
-            _turned(yaw, a - joints[0]),
-            _turned(pan, b - joints[1]),
-            _turned(tilt, d - joints[2]),
-        )
+        yaw = turned(yaw, cosine_and_sine(a - joints[0]))
+        pan = turned(pan, cosine_and_sine(b - joints[1]))
+        tilt = turned(tilt, cosine_and_sine(d - joints[2]))
         joints, rates = (a, b, d), (a_rate, b_rate, d_rate)
     return joints, rates
+
+
+@outer
+def _lag_rotors(goals: _FourRotors, rotors: _FourRotors, c: Array) -> tuple[_FourRotors, _FourRotors]:
+    """Speeds of the rotors after a period, and the sums of their squares on the way."""
+    a, b, d, e = rotors
+    aa, bb, dd, ee = 0.0, 0.0, 0.0, 0.0
+    for _ in range(int(c[26])):
+        a, b = lag_rotor(goals[0], a, c), lag_rotor(goals[1], b, c)
+        d, e = lag_rotor(goals[2], d, c), lag_rotor(goals[3], e, c)
+        aa, bb, dd, ee = aa + a * a, bb + b * b, dd + d * d, ee + e * e
+    return (a, b, d, e), (aa, bb, dd, ee)
 
 
 @outer
@@ -252,11 +326,8 @@ def fly(
     ``bodies`` (E,N,13) and ``memory`` (E,N,19) change in place; the command is the velocity ``u``, the feedforward
     ``a`` and the angular velocity ``w_cam`` of the camera, the body's heading as (cosine, sine), and the wind.
     """
-    mass, gravity, v_max, substeps = c[1], c[13], c[14], int(c[26])
+    substeps = int(c[26])
     dt = c[0] / substeps
-    speed = size(u[0], u[1], u[2])
-    if speed > v_max:
-        u = (u[0] * (v_max / speed), u[1] * (v_max / speed), u[2] * (v_max / speed))
     p = (bodies[e, n, 0], bodies[e, n, 1], bodies[e, n, 2])
     q: Quaternion = (bodies[e, n, 6], bodies[e, n, 3], bodies[e, n, 4], bodies[e, n, 5])
     v = (bodies[e, n, 7], bodies[e, n, 8], bodies[e, n, 9])
@@ -268,25 +339,13 @@ def fly(
     axis = (memory[e, n, 13], memory[e, n, 14], memory[e, n, 15])
     rate = (memory[e, n, 16], memory[e, n, 17], memory[e, n, 18])
     for _ in range(periods):
-        r = _matrix(q[1], q[2], q[3], q[0])
-        wb, vb = _into(r, w), _into(r, v)
-        f, integral = _specific_force(u, a, v, integral, c)
-        drag = _out_of(r, (c[10] * vb[0], c[11] * vb[1], c[12] * vb[2]))
-        fx, fy = mass * f[0] + drag[0], mass * f[1] + drag[1]
-        fz = max(mass * (f[2] + gravity) + drag[2], 0.3 * mass * gravity)
-        scale = 1.0 / size(fx, fy, fz)
-        new_axis = (fx * scale, fy * scale, fz * scale)
-        rate = _axis_rate(axis, new_axis, rate, c)
-        axis = new_axis
-        thrust = fx * r[0][2] + fy * r[1][2] + fz * r[2][2]
-        rotors, lift, tau = _spin(rotors, thrust, _torque(r, axis, heading, wb, rate, c), c)
-        air = _into(r, (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]))
-        force = _out_of(r, (-c[10] * air[0], -c[11] * air[1], lift - c[12] * air[2]))
-        torque = _out_of(r, tau)
-        dv = (dt / mass * force[0], dt / mass * force[1], dt * (force[2] / mass - gravity))
+        goals, before, integral, axis, rate = aim_thrust(q, v, w, u, a, heading, integral, axis, rate, c)
+        rotors, squares = _lag_rotors(goals, rotors, c)
+        gain, torque = push(q, v, wind, squares, c)
         for _ in range(substeps):
-            p, q, v, w = _rigid_step(p, q, v, w, dv, torque, dt, c)
-        joints, rates = _turn_gimbal(joints, rates, w_cam, wb, rotate((q[0], -q[1], -q[2], -q[3]), w), c)
+            p, v, w = rigid_step(p, q, v, w, gain, torque, dt, c)
+            q = spun(turn(dt * w[0], dt * w[1], dt * w[2]), q)
+        joints, rates = _turn_gimbal(joints, rates, w_cam, before, rotate_inverse(q, w), c)
     _store(bodies, memory, e, n, p, q, v, w, rotors, joints, rates)
     for i in range(3):
         memory[e, n, 10 + i], memory[e, n, 13 + i], memory[e, n, 16 + i] = integral[i], axis[i], rate[i]
@@ -315,37 +374,49 @@ def _store(
         memory[e, n, i] = rotors[i]
 
 
+@inlined
+def camera_at(
+    p: Triple, q: Quaternion, v: Triple, w: Triple, joints: Triple, rates: Triple, offset: Triple
+) -> tuple[Triple, Quaternion, Triple, Triple]:
+    """p, q, v (world), w (camera frame) of the camera of a body with p, q, v, w (world) and its gimbal."""
+    arm = rotate(q, offset)
+    (c0, s0), (c1, s1), (c2, s2) = circle(0.5 * joints[0]), circle(0.5 * joints[1]), circle(0.5 * joints[2])
+    # Rz(yaw), straight down, then Ry(pan) Rx(tilt)
+    full = multiply(q, multiply((0.0, c0, s0, 0.0), (c1 * c2, c1 * s2, s1 * c2, -s1 * s2)))
+    lever = cross(w, arm)
+    carried = rotate_inverse(full, w)
+    # double angles of pan and tilt
+    cp, sp, ct, st = c1 * c1 - s1 * s1, 2.0 * s1 * c1, c2 * c2 - s2 * s2, 2.0 * s2 * c2
+    yaw_rate, pan_rate, tilt_rate = rates
+    return (
+        (p[0] + arm[0], p[1] + arm[1], p[2] + arm[2]),
+        full,
+        (v[0] + lever[0], v[1] + lever[1], v[2] + lever[2]),
+        (
+            carried[0] + tilt_rate + sp * yaw_rate,
+            carried[1] + ct * pan_rate - st * cp * yaw_rate,
+            carried[2] - st * pan_rate - ct * cp * yaw_rate,
+        ),
+    )
+
+
 @outer
 def camera_of(bodies: Array, memory: Array, e: int, n: int, offset: Array, cameras: Array) -> None:
     """Write p, q (scalar first), v (world), w (camera frame) of the agent's camera to its row of ``cameras``.
 
     ``offset`` (3,) is the optical centre in the body frame, m; `camnet.control.camera_kernel` is the oracle.
     """
-    q: Quaternion = (bodies[e, n, 6], bodies[e, n, 3], bodies[e, n, 4], bodies[e, n, 5])
-    w = (bodies[e, n, 10], bodies[e, n, 11], bodies[e, n, 12])
-    arm = rotate(q, (offset[0], offset[1], offset[2]))
-    (c0, s0), (c1, s1) = cosine_and_sine(0.5 * memory[e, n, 4]), cosine_and_sine(0.5 * memory[e, n, 5])
-    c2, s2 = cosine_and_sine(0.5 * memory[e, n, 6])
-    # Rz(yaw), straight down, then Ry(pan) Rx(tilt)
-    joints = multiply((0.0, c0, s0, 0.0), (c1 * c2, c1 * s2, s1 * c2, -s1 * s2))
-    full = multiply(q, joints)
-    lever = (
-        w[1] * arm[2] - w[2] * arm[1],
-        w[2] * arm[0] - w[0] * arm[2],
-        w[0] * arm[1] - w[1] * arm[0],
-    )
-    carried = rotate((full[0], -full[1], -full[2], -full[3]), w)
-    # double angles of pan and tilt
-    cp, sp, ct, st = c1 * c1 - s1 * s1, 2.0 * s1 * c1, c2 * c2 - s2 * s2, 2.0 * s2 * c2
-    yaw_rate, pan_rate, tilt_rate = memory[e, n, 7], memory[e, n, 8], memory[e, n, 9]
-    own = (
-        tilt_rate + sp * yaw_rate,
-        ct * pan_rate - st * cp * yaw_rate,
-        -st * pan_rate - ct * cp * yaw_rate,
+    b, m = bodies, memory
+    p, q, v, w = camera_at(
+        (b[e, n, 0], b[e, n, 1], b[e, n, 2]),
+        (b[e, n, 6], b[e, n, 3], b[e, n, 4], b[e, n, 5]),
+        (b[e, n, 7], b[e, n, 8], b[e, n, 9]),
+        (b[e, n, 10], b[e, n, 11], b[e, n, 12]),
+        (m[e, n, 4], m[e, n, 5], m[e, n, 6]),
+        (m[e, n, 7], m[e, n, 8], m[e, n, 9]),
+        (offset[0], offset[1], offset[2]),
     )
     for i in range(3):
-        cameras[e, n, i] = bodies[e, n, i] + arm[i]
-        cameras[e, n, 7 + i] = bodies[e, n, 7 + i] + lever[i]
-        cameras[e, n, 10 + i] = carried[i] + own[i]
+        cameras[e, n, i], cameras[e, n, 7 + i], cameras[e, n, 10 + i] = p[i], v[i], w[i]
     for i in range(4):
-        cameras[e, n, 3 + i] = full[i]
+        cameras[e, n, 3 + i] = q[i]

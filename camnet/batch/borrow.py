@@ -9,6 +9,7 @@ arrays' elements can), and it may not outlive the function that lent it.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba.core import cgutils, types
@@ -80,9 +81,5 @@ def _lend(typing_context: Any, value: Any) -> Any:  # noqa: ANN401
     return Lent(value)(value), codegen
 
 
-def lend(value: _T) -> _T:
-    """Give the address of a named tuple (compiled code only); its fields are read as those of the tuple."""
-    return value
-
-
-lend = _lend  # type: ignore[assignment] # the compiled form
+#: gives the address of a named tuple, in compiled code alone; its fields are read as those of the tuple
+lend: Callable[[_T], _T] = _lend

@@ -2,6 +2,7 @@
 
 | decorator | called from | arrays |
 | --- | --- | --- |
+| ``inlined`` | Python too | none; part of whatever calls it, so that loops over it become vector instructions |
 | ``outer`` | Python too | borrowed: none is made or returned inside, so none is counted |
 | ``inner`` | compiled code only | the same |
 | ``owner`` | Python too | may be made and returned: every array handed over is counted |
@@ -17,13 +18,14 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["inner", "inner_owner", "outer", "owner"]
+__all__ = ["inlined", "inner", "inner_owner", "outer", "owner"]
 
 #: a division by zero gives what IEEE 754 says, without a test at every division
 _COMMON: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 #: for parts that only compiled code calls: without a way in from Python, which for arguments as wide as a whole
 #: network costs half of the compilation
 _ALONE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+inlined = njit(**_COMMON, _nrt=False, forceinline=True)
 outer = njit(**_COMMON, _nrt=False)
 inner = njit(**_COMMON, **_ALONE, _nrt=False)
 owner = njit(**_COMMON, _nrt=True)

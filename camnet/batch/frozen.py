@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
 from camnet.batch.borrow import lend
-from camnet.batch.compiled import inner, owner
+from camnet.batch.compiled import inlined, inner, owner
 from camnet.batch.estimator_learn import fit_motion
 from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
 from camnet.batch.network import Model
@@ -90,7 +90,7 @@ class Frozen(NamedTuple):
     rates: Array
 
 
-@inner
+@inlined
 def _learned(f: Frozen, k: int, x: float, y: float) -> _Twist:
     """Velocity (world), angular velocity (body) and support that model ``k`` has learned at a place."""
     u, v = (x - f.grid[0]) * f.grid[2], (y - f.grid[1]) * f.grid[2]
@@ -112,7 +112,7 @@ def _learned(f: Frozen, k: int, x: float, y: float) -> _Twist:
     )
 
 
-@inner
+@inlined
 def _blended(learned: _Twist, v: Triple, w: Triple, use_prior: bool) -> tuple[Triple, Triple, float]:
     """Twist with the prior mean where the model does not answer, and the support u in [0, 1]."""
     support = min(1.0, max(0.0, learned[6]))
@@ -124,7 +124,7 @@ def _blended(learned: _Twist, v: Triple, w: Triple, use_prior: bool) -> tuple[Tr
     )
 
 
-@inner
+@inlined
 def _moved(f: Frozen, p: Triple, v: Triple, dt: float) -> Triple:
     """Position after ``dt``, projected onto the tracking bounds."""
     return (
@@ -134,7 +134,7 @@ def _moved(f: Frozen, p: Triple, v: Triple, dt: float) -> Triple:
     )
 
 
-@inner
+@inlined
 def _midpoint(
     f: Frozen, k: int, p: Triple, pv: Triple, pw: Triple, dt: float, fade: float, share: float, offset: float
 ) -> tuple[Triple, Triple, Triple, Triple, Triple]:

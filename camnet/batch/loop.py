@@ -17,13 +17,35 @@ from numpy.typing import NDArray
 from camnet.batch.body import camera_of, fly
 from camnet.batch.book import after_control, collided, reward_of
 from camnet.batch.compiled import inner
+from camnet.batch.lane_layout import (
+    ALLOWED,
+    ERROR,
+    HEADING,
+    LANES,
+    LOOK,
+    MOTION,
+    SETPOINT,
+    WIND,
+    A,
+    U,
+    get,
+    get_pair,
+    load_flight,
+    load_plan,
+    put,
+    show,
+    store_flight,
+    store_plan,
+)
+from camnet.batch.lane_references import ask_lanes, follow_lanes
+from camnet.batch.lanes import fly_lanes
 from camnet.batch.motion import step_target
 from camnet.batch.network import CYLINDER, Model
 from camnet.batch.observe import observe
 from camnet.batch.random import normal
-from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
+from camnet.batch.reference import position_step
 from camnet.batch.state import COUNT, CYCLE, RETURN, State
-from camnet.batch.triples import Quaternion, Triple
+from camnet.batch.triples import Triple
 from camnet.types import Array
 
 __all__ = ["begin", "finish", "fly_once", "place_cameras", "sensing_due"]
@@ -75,7 +97,7 @@ def _ask(model: Model, state: State, e: int, n: int, p: Triple, pan: float, tilt
 
 @inner
 def begin(model: Model, state: State, e: int, actions: Array) -> None:
-    """Take actions (E, N, 5) as setpoints: in [-1, 1] as ``HandoffEnv.setpoints``, or in the world; see ``in_world``."""
+    """Take actions (E, N, 5) as setpoints: in [-1, 1] as ``HandoffEnv.setpoints``, or in the world (``in_world``)."""
     for n in range(state.bodies.shape[1]):
         if model.in_world:
             p = (actions[e, n, 0], actions[e, n, 1], actions[e, n, 2])
@@ -90,38 +112,7 @@ def begin(model: Model, state: State, e: int, actions: Array) -> None:
         pan = min(max(actions[e, n, 3], -1.0), 1.0) * model.gaze_scale
         tilt = min(max(actions[e, n, 4], -1.0), 1.0) * model.gaze_scale
         _ask(model, state, e, n, (c[n, 0] + a[0], c[n, 1] + a[1], c[n, 2] + a[2]), pan, tilt)
-
-
-@inner
-def _advance_reference(model: Model, state: State, e: int, n: int) -> None:
-    r, s = state.motion, state.setpoint
-    p, v, a = position_step(
-        (r[e, n, 0], r[e, n, 1], r[e, n, 2]),
-        (r[e, n, 3], r[e, n, 4], r[e, n, 5]),
-        (r[e, n, 6], r[e, n, 7], r[e, n, 8]),
-        (s[e, n, 0], s[e, n, 1], s[e, n, 2]),
-        n,
-        model.margin,
-        model.planes,
-        model.plane_ends,
-        model.discs,
-        model.limits,
-        model.dt_s,
-    )
-    g = model.gaze_limits
-    look = gaze_step(
-        (r[e, n, 9], r[e, n, 10]),
-        (r[e, n, 11], r[e, n, 12]),
-        (s[e, n, 3], s[e, n, 4]),
-        g[0],
-        g[1],
-        g[2],
-        model.dt_s,
-    )
-    for i in range(3):
-        r[e, n, i], r[e, n, 3 + i], r[e, n, 6 + i] = p[i], v[i], a[i]
-    for i in range(4):
-        r[e, n, 9 + i] = look[i]
+    _load(state, e)
 
 
 @inner
@@ -137,33 +128,95 @@ def _air(model: Model, state: State, e: int) -> None:
 
 
 @inner
-def _fly_agent(model: Model, state: State, e: int, n: int) -> float:
-    """Fly one agent for a control period; squared error of its reference at the beginning, m^2."""
-    r, cam = state.motion, state.cameras
-    yaw = (model.yaw[n, 0], model.yaw[n, 1])
-    q_d, w_d = gaze_motion(
-        r[e, n, 9], r[e, n, 10], r[e, n, 11], r[e, n, 12], yaw, (model.half_yaw[n, 0], model.half_yaw[n, 1])
-    )
-    q: Quaternion = (cam[e, n, 3], cam[e, n, 4], cam[e, n, 5], cam[e, n, 6])
-    u, w, e_l = command_of(
-        (cam[e, n, 0], cam[e, n, 1], cam[e, n, 2]),
-        q,
-        (r[e, n, 0], r[e, n, 1], r[e, n, 2]),
-        q_d,
-        (r[e, n, 3], r[e, n, 4], r[e, n, 5]),
-        w_d,
-        model.gains,
-        model.switching,
-    )
-    wind = (
-        model.wind[0] + state.gust[e, n, 0],
-        model.wind[1] + state.gust[e, n, 1],
-        model.wind[2] + state.gust[e, n, 2],
-    )
-    a = (r[e, n, 6], r[e, n, 7], r[e, n, 8])
-    fly(state.bodies, state.memory, e, n, u, a, w, yaw, wind, model.constants, model.periods)
-    camera_of(state.bodies, state.memory, e, n, model.offset, state.cameras)
-    return e_l[0] * e_l[0] + e_l[1] * e_l[1] + e_l[2] * e_l[2]
+def _load(state: State, e: int) -> None:
+    """Put the agents into the workspaces."""
+    agents = state.bodies.shape[1]
+    for k in range(state.lanes.shape[0] * LANES):
+        x, lane, n = state.lanes[k // LANES], k % LANES, min(k, agents - 1)
+        load_flight(x, lane, state.bodies, state.memory, state.cameras, e, n)
+        load_plan(x, lane, state.motion, state.setpoint, e, n)
+
+
+@inner
+def _store(state: State, e: int) -> None:
+    """Take them back."""
+    for n in range(state.bodies.shape[1]):
+        x, lane = state.lanes[n // LANES], n % LANES
+        store_flight(x, lane, state.bodies, state.memory, e, n)
+        store_plan(x, lane, state.motion, e, n)
+
+
+@inner
+def _blow(model: Model, state: State, e: int, b: int) -> None:
+    """Let the gusts blow on the agents of workspace ``b``."""
+    last = state.bodies.shape[1] - 1
+    for i in range(LANES):
+        g, n = state.gust, min(LANES * b + i, last)
+        gust = (g[e, n, 0], g[e, n, 1], g[e, n, 2])
+        put(
+            state.lanes[b],
+            WIND,
+            i,
+            (model.wind[0] + gust[0], model.wind[1] + gust[1], model.wind[2] + gust[2]),
+        )
+
+
+@inner
+def _fly_one_by_one(model: Model, state: State, e: int, b: int) -> None:
+    """Fly the agents of a workspace one by one."""
+    x, agents = state.lanes[b], state.bodies.shape[1]
+    for i in range(LANES):
+        n = LANES * b + i
+        if n < agents:
+            store_flight(x, i, state.bodies, state.memory, e, n)
+            u, a, w, wind = get(x, U, i), get(x, A, i), get(x, LOOK, i), get(x, WIND, i)
+            heading, c = get_pair(x, HEADING, i), model.constants
+            fly(state.bodies, state.memory, e, n, u, a, w, heading, wind, c, model.periods)
+            camera_of(state.bodies, state.memory, e, n, model.offset, state.cameras)
+        load_flight(x, i, state.bodies, state.memory, state.cameras, e, min(n, agents - 1))
+
+
+@inner
+def _brake(model: Model, state: State, e: int, b: int) -> None:
+    """Move those references on that have to brake."""
+    x, agents = state.lanes[b], state.bodies.shape[1]
+    for i in range(LANES):
+        if x[ALLOWED * LANES + i] == 0.0:
+            p, v, a = position_step(
+                get(x, MOTION, i),
+                get(x, MOTION + 3, i),
+                get(x, MOTION + 6, i),
+                get(x, SETPOINT, i),
+                min(LANES * b + i, agents - 1),
+                model.margin,
+                model.planes,
+                model.plane_ends,
+                model.discs,
+                model.limits,
+                model.dt_s,
+            )
+            put(x, MOTION, i, p)
+            put(x, MOTION + 3, i, v)
+            put(x, MOTION + 6, i, a)
+
+
+@inner
+def _fly(model: Model, state: State, e: int) -> float:
+    """Fly all agents for a control period; sum of the squared errors of their references at the beginning, m^2."""
+    agents, errors = state.bodies.shape[1], 0.0
+    for b in range(state.lanes.shape[0]):
+        x = state.lanes[b]
+        if model.gust_std > 0.0:
+            _blow(model, state, e, b)
+        ask_lanes(x, model.gains, model.switching)
+        if not fly_lanes(x, model.periods, model.constants, model.offset):
+            _fly_one_by_one(model, state, e, b)
+        if not follow_lanes(x, model.margin, model.limits, model.gaze_limits, model.dt_s):
+            _brake(model, state, e, b)
+        for i in range(min(LANES, agents - LANES * b)):
+            show(x, i, state.bodies, state.cameras, e, LANES * b + i)
+            errors += x[ERROR * LANES + i]
+    return errors
 
 
 @inner
@@ -174,10 +227,7 @@ def fly_once(model: Model, state: State, e: int) -> float:
     for m in range(targets):
         step_target(model.targets, m, state.target, state.inner, e, t_s, model.dt_s, state.streams, row + m)
     _air(model, state, e)
-    errors = 0.0
-    for n in range(state.bodies.shape[1]):
-        errors += _fly_agent(model, state, e, n)
-        _advance_reference(model, state, e, n)
+    errors = _fly(model, state, e)
     state.clock[e, COUNT] += 1.0
     after_control(model, state, e, errors)
     return state.clock[e, COUNT] * model.dt_s
@@ -221,6 +271,7 @@ def finish(
     """Reward the decision and show the agents what they may know; a ``fresh`` environment has no reward yet."""
     t_s = state.clock[e, COUNT] * model.dt_s
     if not fresh:
+        _store(state, e)
         state.clock[e, CYCLE] += 1.0
         reward = reward_of(model, state, e, t_s, model.dt_s * model.decide_every)
         state.clock[e, RETURN] += reward

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import math
 
-from camnet.batch.compiled import outer
+from camnet.batch.compiled import inlined, outer
 from camnet.batch.triples import Quaternion, Triple, multiply, rotate_inverse, rotation_vector, size
 from camnet.types import Array, IntArray
 
 __all__ = ["command_of", "gaze_motion", "gaze_step", "position_step"]
 
-_TOLERANCE = 1e-9
+TOLERANCE = 1e-9
 
 
 @outer
@@ -38,28 +38,28 @@ def clearance(p: Triple, n: int, planes: Array, ends: IntArray, discs: Array) ->
     return depth
 
 
-@outer
+@inlined
 def _plus(x: Triple, factor: float, y: Triple) -> Triple:
     return x[0] + factor * y[0], x[1] + factor * y[1], x[2] + factor * y[2]
 
 
-@outer
+@inlined
 def _times(factor: float, x: Triple) -> Triple:
     return factor * x[0], factor * x[1], factor * x[2]
 
 
-@outer
+@inlined
 def _at_most(x: Triple, largest: float) -> Triple:
     length = size(x[0], x[1], x[2])
     return _times(largest / length, x) if length > largest else x
 
 
-@outer
+@inlined
 def _approach(a: Triple, goal: Triple, largest_change: float) -> Triple:
     return _plus(a, 1.0, _at_most(_plus(goal, -1.0, a), largest_change))
 
 
-@outer
+@inlined
 def _wanted_velocity(p: Triple, goal: Triple, v_max: float, a_max: float, k_p: float) -> Triple:
     """Towards the goal: proportional nearby, with room to brake farther away, at most v_max."""
     away = _plus(goal, -1.0, p)
@@ -71,22 +71,22 @@ def _wanted_velocity(p: Triple, goal: Triple, v_max: float, a_max: float, k_p: f
     return _times(min(speed, v_max) / distance, away)
 
 
-@outer
-def _stop(p: Triple, v: Triple, a_max: float) -> Triple:
+@inlined
+def stop(p: Triple, v: Triple, a_max: float) -> Triple:
     """Where full braking along ``v`` ends."""
     return _plus(p, size(v[0], v[1], v[2]) / (2.0 * a_max), v)
 
 
-@outer
-def _gentle_stop(p: Triple, v: Triple, a: Triple, a_max: float, j_max: float) -> Triple:
+@inlined
+def gentle_stop(p: Triple, v: Triple, a: Triple, a_max: float, j_max: float) -> Triple:
     """Where braking ends about when the jerk is bounded."""
     fade = size(a[0], a[1], a[2]) / j_max
     v_then = _plus(v, 0.5 * fade, a)
     p_then = _plus(_plus(p, fade, v), fade * fade / 3.0, a)
-    return _plus(_stop(p_then, v_then, a_max), 0.5 * a_max / j_max, v_then)
+    return _plus(stop(p_then, v_then, a_max), 0.5 * a_max / j_max, v_then)
 
 
-@outer
+@inlined
 def _within_speed(v: Triple, a: Triple, v_max: float, dt: float) -> Triple:
     """Cut an acceleration that would carry the speed beyond its bound."""
     ahead = _plus(v, dt, a)
@@ -95,16 +95,16 @@ def _within_speed(v: Triple, a: Triple, v_max: float, dt: float) -> Triple:
     return _times(1.0 / dt, _plus(_at_most(ahead, v_max), -1.0, v))
 
 
-@outer
-def _wanted(p: Triple, v: Triple, a: Triple, goal: Triple, limits: Array, dt: float) -> Triple:
+@inlined
+def wanted(p: Triple, v: Triple, a: Triple, goal: Triple, limits: Array, dt: float) -> Triple:
     """Acceleration towards the goal within the bounds of acceleration, jerk and speed."""
     lacking = _plus(_wanted_velocity(p, goal, limits[0], limits[1], limits[2]), -1.0, v)
     push = _at_most(_times(min(limits[3], 1.0 / dt), lacking), limits[1])
     return _within_speed(v, _approach(a, push, limits[4] * dt), limits[0], dt)
 
 
-@outer
-def _moved(p: Triple, v: Triple, a: Triple, dt: float) -> tuple[Triple, Triple]:
+@inlined
+def moved(p: Triple, v: Triple, a: Triple, dt: float) -> tuple[Triple, Triple]:
     """Position and velocity after ``dt`` at the acceleration ``a``."""
     v_next = _plus(v, dt, a)
     return _plus(_plus(p, 0.5 * dt, v), 0.5 * dt, v_next), v_next
@@ -126,18 +126,18 @@ def position_step(
 ) -> tuple[Triple, Triple, Triple]:
     """Position, velocity, acceleration of a reference after one period towards ``goal``."""
     a_max, j_max = limits[1], limits[4]
-    least = margin - _TOLERANCE
-    wanted = _wanted(p, v, a, goal, limits, dt)
-    p_next, v_next = _moved(p, v, wanted, dt)
-    inside = clearance(p, n, planes, ends, discs) >= margin - 2 * _TOLERANCE
+    least = margin - TOLERANCE
+    push = wanted(p, v, a, goal, limits, dt)
+    p_next, v_next = moved(p, v, push, dt)
+    inside = clearance(p, n, planes, ends, discs) >= margin - 2 * TOLERANCE
     if not inside:
-        return p_next, v_next, wanted
+        return p_next, v_next, push
     if (
         clearance(p_next, n, planes, ends, discs) >= least
-        and clearance(_stop(p_next, v_next, a_max), n, planes, ends, discs) >= least
-        and clearance(_gentle_stop(p_next, v_next, wanted, a_max, j_max), n, planes, ends, discs) >= least
+        and clearance(stop(p_next, v_next, a_max), n, planes, ends, discs) >= least
+        and clearance(gentle_stop(p_next, v_next, push, a_max, j_max), n, planes, ends, discs) >= least
     ):
-        return p_next, v_next, wanted
+        return p_next, v_next, push
     speed = size(v[0], v[1], v[2])
     brake = _times(-a_max / speed if speed > 1e-12 else 0.0, v)
     gently = _approach(a, _times(-min(a_max / max(speed, 1e-12), 1.0 / dt), v), j_max * dt)
@@ -145,18 +145,18 @@ def position_step(
     for k in range(1, 5):  # gentle braking; then ever harder
         share = 1.0 - 0.25 * (k - 1)
         a_next = _plus(_times(share, gently), 1.0 - share, brake)
-        p_next, v_next = _moved(p, v, a_next, dt)
+        p_next, v_next = moved(p, v, a_next, dt)
         if (
             clearance(p_next, n, planes, ends, discs) >= least
-            and clearance(_stop(p_next, v_next, a_max), n, planes, ends, discs) >= least
+            and clearance(stop(p_next, v_next, a_max), n, planes, ends, discs) >= least
         ):
             return p_next, v_next, a_next
     if speed <= a_max * dt:  # comes to rest within the step
-        return _stop(p, v, a_max), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        return stop(p, v, a_max), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     return _plus(_plus(p, dt, v), 0.5 * dt * dt, brake), _plus(v, dt, brake), brake
 
 
-@outer
+@inlined
 def gaze_step(
     gaze: tuple[float, float],
     rate: tuple[float, float],
@@ -186,6 +186,31 @@ def gaze_step(
     )
 
 
+@inlined
+def pointing(
+    tx: float,
+    ty: float,
+    pan_rate: float,
+    tilt_rate: float,
+    yaw: tuple[float, float],
+    half_yaw: tuple[float, float],
+) -> tuple[Quaternion, Triple]:
+    """Orientation and angular velocity as `gaze_motion`, from the tangents of pan and tilt."""
+    dtx, dty = (1.0 + tx * tx) * pan_rate, (1.0 + ty * ty) * tilt_rate
+    inverse = 1.0 / math.sqrt(tx * tx + ty * ty + 1.0)
+    shrink = (tx * dtx + ty * dty) * inverse * inverse * inverse
+    dx, dy, dz = tx * inverse, ty * inverse, -inverse
+    ddx, ddy, ddz = dtx * inverse - tx * shrink, dty * inverse - ty * shrink, shrink
+    scale = 1.0 / math.sqrt((1.0 - dz) * (1.0 - dz) + dy * dy + dx * dx)
+    a, b, c = (1.0 - dz) * scale, dy * scale, -dx * scale
+    along = (-a * ddz + b * ddy - c * ddx) * scale
+    da, db, dc = -ddz * scale - a * along, ddy * scale - b * along, -ddx * scale - c * along
+    cy, sy = half_yaw
+    q = (-b * cy - c * sy, a * cy, a * sy, b * sy - c * cy)
+    wx, wy, wz = 2.0 * (a * db - b * da), 2.0 * (a * dc - c * da), 2.0 * (c * db - b * dc)
+    return q, (yaw[0] * wx + yaw[1] * wy, -(yaw[0] * wy - yaw[1] * wx), -wz)
+
+
 @outer
 def gaze_motion(
     pan: float,
@@ -199,21 +224,7 @@ def gaze_motion(
 
     ``yaw`` and ``half_yaw`` are (cosine, sine) of the image's turn at zero gaze and of its half.
     """
-    tx, ty = math.tan(pan), math.tan(tilt)
-    dtx, dty = (1.0 + tx * tx) * pan_rate, (1.0 + ty * ty) * tilt_rate
-    length = math.sqrt(tx * tx + ty * ty + 1.0)
-    inverse = 1.0 / length
-    shrink = (tx * dtx + ty * dty) * inverse * inverse * inverse
-    dx, dy, dz = tx * inverse, ty * inverse, -inverse
-    ddx, ddy, ddz = dtx * inverse - tx * shrink, dty * inverse - ty * shrink, shrink
-    scale = 1.0 / math.sqrt((1.0 - dz) * (1.0 - dz) + dy * dy + dx * dx)
-    a, b, c = (1.0 - dz) * scale, dy * scale, -dx * scale
-    along = (-a * ddz + b * ddy - c * ddx) * scale
-    da, db, dc = -ddz * scale - a * along, ddy * scale - b * along, -ddx * scale - c * along
-    cy, sy = half_yaw
-    q = (-b * cy - c * sy, a * cy, a * sy, b * sy - c * cy)
-    wx, wy, wz = 2.0 * (a * db - b * da), 2.0 * (a * dc - c * da), 2.0 * (c * db - b * dc)
-    return q, (yaw[0] * wx + yaw[1] * wy, -(yaw[0] * wy - yaw[1] * wx), -wz)
+    return pointing(math.tan(pan), math.tan(tilt), pan_rate, tilt_rate, yaw, half_yaw)
 
 
 @outer

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from camnet.batch.lane_layout import build_lanes
 from camnet.batch.network import Model
 from camnet.batch.random import Streams, stream_of
 from camnet.simulation.network import Network
@@ -61,6 +62,7 @@ class State(NamedTuple):
     delays : (E, DELAYS) delays of the episode's handoffs, s
     outside, touching : (E, N), (E, N, N + 1 + M) what was so at the last control period
     clock, count : (E, 4), (E, 20) counters
+    lanes : workspaces (`camnet.batch.lane_layout`) of whichever environment flies
     """
 
     bodies: Array
@@ -85,6 +87,7 @@ class State(NamedTuple):
     touching: IntArray
     clock: Array
     count: Array  # type: ignore[assignment] # hides the tuple's method, which nobody asks for
+    lanes: Array
 
 
 def allocate(model: Model, environments: int) -> State:
@@ -114,6 +117,9 @@ def allocate(model: Model, environments: int) -> State:
         touching=np.zeros((e, n, n + 1 + m), dtype=np.int64),
         clock=np.zeros((e, 4)),
         count=np.zeros((e, COUNTS)),
+        lanes=build_lanes(
+            n, model.yaw, model.half_yaw, model.planes, model.plane_ends, model.discs, model.wind
+        ),
     )
 
 

@@ -7,40 +7,60 @@ from __future__ import annotations
 
 import math
 
-from camnet.batch.compiled import outer
+import numpy as np
+
+from camnet.batch.compiled import inlined, outer
 
 __all__ = [
+    "SMALL",
     "Quaternion",
     "Triple",
+    "circle",
     "cosine_and_sine",
     "cross",
+    "even_rotation_vector",
     "multiply",
     "rotate",
     "rotate_inverse",
     "rotation_vector",
     "size",
+    "small_circle",
+    "small_turn",
+    "tanh",
     "turn",
 ]
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-#: below this half angle, rad, the series to the eighth power is exact to the last bit
-_SERIES = 0.1
+#: up to this angle, rad, the series to the eighth power is exact to the last bit
+SMALL = 0.1
+#: 1 / n! with the series' signs
+_1, _2, _3, _4, _5, _6, _7, _8 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(1, 9))
+_9, _10, _11, _12, _13, _14, _15, _16 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(9, 17))
+_17 = 1.0 / math.factorial(17)
+#: 1 / n! and 1 / n
+_E2, _E3, _E4, _E5, _E6, _E7, _E8 = (1.0 / math.factorial(n) for n in range(2, 9))
+_E9, _E10, _E11, _E12, _E13 = (1.0 / math.factorial(n) for n in range(9, 14))
+_T3, _T5, _T7, _T9, _T11, _T13 = (1.0 / n for n in range(3, 14, 2))
+_T15, _T17, _T19, _T21, _T23 = (1.0 / n for n in range(15, 24, 2))
+#: a quarter turn in two parts: whole multiples of the first are exact
+_QUARTER = math.floor(math.ldexp(0.5 * math.pi, 32)) * 2.0**-32
+_QUARTER_REST, _QUARTERS = (0.5 * math.pi - _QUARTER) + 6.123233995736766e-17, 2.0 / math.pi
 
 
-@outer
+@inlined
 def size(x: float, y: float, z: float) -> float:
     """Length of a vector."""
     return math.sqrt(x * x + y * y + z * z)
 
 
-@outer
+@inlined
 def cross(a: Triple, b: Triple) -> Triple:
     """Cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@outer
+@inlined
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product ``a b``."""
     return (
@@ -51,7 +71,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@outer
+@inlined
 def rotate(q: Quaternion, v: Triple) -> Triple:
     """``R(q) v``."""
     w, x, y, z = q
@@ -59,29 +79,69 @@ def rotate(q: Quaternion, v: Triple) -> Triple:
     return v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx
 
 
-@outer
+@inlined
 def rotate_inverse(q: Quaternion, v: Triple) -> Triple:
     """``R(q)^T v``."""
     return rotate((q[0], -q[1], -q[2], -q[3]), v)
 
 
-@outer
+@inlined
+def small_circle(x: float) -> tuple[float, float]:
+    """Cosine and sine of an angle of at most ``SMALL``."""
+    s = x * x
+    return 1.0 + s * (_2 + s * (_4 + s * (_6 + s * _8))), x * (1.0 + s * (_3 + s * (_5 + s * (_7 + s * _9))))
+
+
+@inlined
+def circle(x: float) -> tuple[float, float]:
+    """Cosine and sine without a branch: of what is left of whole quarters, which are turned by exchange."""
+    n = np.floor(x * _QUARTERS + 0.5)
+    x = (x - n * _QUARTER) - n * _QUARTER_REST
+    s = x * x
+    c = 1.0 + s * (_2 + s * (_4 + s * (_6 + s * (_8 + s * (_10 + s * (_12 + s * (_14 + s * _16)))))))
+    s = x + x * s * (_3 + s * (_5 + s * (_7 + s * (_9 + s * (_11 + s * (_13 + s * (_15 + s * _17)))))))
+    quarter = n - 4.0 * np.floor(0.25 * n)
+    odd = (quarter == 1.0) | (quarter == 3.0)
+    along, across = s if odd else c, c if odd else s
+    return (-along if (quarter == 1.0) | (quarter == 2.0) else along), (-across if quarter >= 2.0 else across)
+
+
+@inlined
+def tanh(x: float) -> float:
+    """Hyperbolic tangent without a branch: e^y - 1 of a 128th of -2 |x|, doubled seven times."""
+    y = min(abs(x), 20.0) * (-1.0 / 64.0)
+    m = _E8 + y * (_E9 + y * (_E10 + y * (_E11 + y * (_E12 + y * _E13))))
+    m = y * (1.0 + y * (_E2 + y * (_E3 + y * (_E4 + y * (_E5 + y * (_E6 + y * (_E7 + y * m)))))))
+    for _ in range(7):
+        m = m * (m + 2.0)
+    t = -m / (2.0 + m)
+    return -t if x < 0.0 else t
+
+
+@inlined
 def cosine_and_sine(x: float) -> tuple[float, float]:
     """Cosine and sine; the series where it is exact."""
-    if abs(x) > _SERIES:
+    if abs(x) > SMALL:
         return math.cos(x), math.sin(x)
-    s = x * x
-    cosine = 1.0 - s / 2.0 * (1.0 - s / 12.0 * (1.0 - s / 30.0 * (1.0 - s / 56.0 * (1.0 - s / 90.0))))
-    return cosine, x * (1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0))))
+    return small_circle(x)
+
+
+@inlined
+def small_turn(x: float, y: float, z: float) -> Quaternion:
+    """Quaternion of a rotation vector of at most twice ``SMALL``."""
+    s = 0.25 * (x * x + y * y + z * z)
+    scale = 0.5 * (1.0 + s * (_3 + s * (_5 + s * (_7 + s * _9))))
+    return 1.0 + s * (_2 + s * (_4 + s * (_6 + s * _8))), scale * x, scale * y, scale * z
 
 
 @outer
 def turn(x: float, y: float, z: float) -> Quaternion:
     """Quaternion of a rotation vector, rad."""
+    if x * x + y * y + z * z <= 4.0 * SMALL * SMALL:
+        return small_turn(x, y, z)
     angle = math.sqrt(x * x + y * y + z * z)
-    cosine, sine = cosine_and_sine(0.5 * angle)
-    scale = sine / angle if angle > 1e-9 else 0.5
-    return cosine, scale * x, scale * y, scale * z
+    scale = math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), scale * x, scale * y, scale * z
 
 
 @outer
@@ -95,4 +155,18 @@ def rotation_vector(q: Quaternion) -> Triple:
     else:
         scale = 2.0 * math.atan2(sine, cosine) / sine
     scale *= sign
+    return scale * q[1], scale * q[2], scale * q[3]
+
+
+@inlined
+def even_rotation_vector(q: Quaternion) -> Triple:
+    """`rotation_vector` without a branch: the angle is halved three times, then the arc tangent's series holds."""
+    a = math.sqrt(0.5 + 0.5 * abs(q[0]))
+    b = math.sqrt(0.5 + 0.5 * a)
+    c = math.sqrt(0.5 + 0.5 * b)
+    scale = 1.0 / (a * b * c * c)
+    s = (q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) * scale * scale * (1.0 / 64.0)
+    arc = _T15 - s * (_T17 - s * (_T19 - s * (_T21 - s * _T23)))
+    arc = 1.0 - s * (_T3 - s * (_T5 - s * (_T7 - s * (_T9 - s * (_T11 - s * (_T13 - s * arc))))))
+    scale *= -2.0 * arc if q[0] < 0.0 else 2.0 * arc
     return scale * q[1], scale * q[2], scale * q[3]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from camnet.batch import triples
+from camnet.batch import lane_layout, lane_references, lanes, triples
 from camnet.batch.body import camera_of, fly
 from camnet.batch.motion import pack_targets, step_target
 from camnet.batch.random import normal, stream_of, uniform
@@ -84,6 +84,43 @@ def test_triples_agree_with_rotations():
         )
 
 
+@njit
+def _circles(x, out):
+    for i in range(len(x)):
+        out[i] = triples.circle(x[i])
+
+
+def test_the_circle_without_a_branch():
+    x = np.concatenate([np.linspace(-30, 30, 9001), 0.25 * np.pi * np.arange(-9, 10), [1e-300, 1e-9, 1e4]])
+    out = np.zeros((len(x), 2))
+    _circles(x, out)
+    np.testing.assert_allclose(out, np.column_stack([np.cos(x), np.sin(x)]), rtol=0, atol=3e-16)
+
+
+@njit
+def _fly_lanes(x, bodies, memory, cameras, offset, constants, periods):
+    """All lanes, those without an agent as the last one; whether nothing turned too fast."""
+    last = bodies.shape[1] - 1
+    for i in range(lane_layout.LANES):
+        lane_layout.load_flight(x, i, bodies, memory, cameras, 0, min(i, last))
+    gentle = lanes.fly_lanes(x, periods, constants, offset)
+    for i in range(last + 1):
+        lane_layout.store_flight(x, i, bodies, memory, 0, i)
+        lane_layout.show(x, i, bodies, cameras, 0, i)
+    return gentle
+
+
+@njit
+def _refer_lanes(x, motion, setpoint, cameras, gains, code, margin, limits, gaze_limits, dt):
+    """Command and move on one agent in all lanes; whether it may without braking."""
+    for i in range(lane_layout.LANES):
+        lane_layout.load_plan(x, i, motion, setpoint, 0, 0)
+        for k in range(7):
+            x[(lane_layout.CAMERA + k) * lane_layout.LANES + i] = cameras[k]
+    lane_references.ask_lanes(x, gains, code)
+    return lane_references.follow_lanes(x, margin, limits, gaze_limits, dt)
+
+
 @pytest.mark.parametrize("flight_hz", [60, 240])
 def test_flight_is_that_of_pybullet(flight_hz):
     wind = WindSettings(mean_mps=(0.6, -0.3, 0.1))
@@ -100,6 +137,13 @@ def test_flight_is_that_of_pybullet(flight_hz):
     bodies[0, :, :3], bodies[0, :, 3:7] = now.agent_p_world, np.roll(now.agent_q_world, -1, axis=1)
     memory[0, :, 15] = 1.0
     memory[0, :, :4] = math.sqrt(9.81 / 4 / physics.quadrotor.thrust_n_per_rad2ps2)
+    beside = (bodies.copy(), memory.copy(), cameras.copy())
+    circle = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    ends, discs = np.zeros(4, dtype=np.int64), np.zeros((3, 3))
+    work = lane_layout.build_lanes(3, circle, circle, np.zeros((0, 4)), ends, discs, np.array(wind.mean_mps))[
+        0
+    ]
+    rows = work.reshape(-1, lane_layout.LANES)
     rng = np.random.default_rng(1)
     for k in range(180):
         if k % 20 == 0:  # hard manoeuvres: saturated, turning, tilted
@@ -110,7 +154,16 @@ def test_flight_is_that_of_pybullet(flight_hz):
             command = (tuple(u[i]), tuple(a[i]), tuple(w[i]), heading, wind.mean_mps)
             fly(bodies, memory, 0, i, *command, constants, flight_hz // 60)
             camera_of(bodies, memory, 0, i, offset, cameras)
+        rows[lane_layout.U : lane_layout.U + 9] = np.column_stack([u, a, w])[[0, 1, 2, 2]].T
+        assert _fly_lanes(work, *beside, offset, constants, flight_hz // 60)
     world.close()
+    for alone, together in zip((bodies, memory, cameras), beside, strict=True):
+        np.testing.assert_allclose(together, alone, rtol=1e-12, atol=1e-12)
+    beside[0][0, 1, 10] = 100.0  # tumbles: too fast for the series, nothing is done
+    tumbling = [part.copy() for part in beside]
+    assert not _fly_lanes(work, *beside, offset, constants, 1)
+    for part, before in zip(beside[:2], tumbling[:2], strict=True):
+        np.testing.assert_array_equal(part, before)
     for mine, theirs in (
         (bodies[0, :, :3], now.agent_p_world),
         (bodies[0, :, [6, 3, 4, 5]].T, now.agent_q_world),
@@ -135,14 +188,27 @@ def test_references_are_those_of_the_array_kernel(region):
     rng = np.random.default_rng(4)
     p, v, a = np.array(region.center, dtype=float), np.zeros(3), np.zeros(3)
     mine = (tuple(p), tuple(v), tuple(a))
+    gaze_limits, gains, camera = np.array([1.5, 6.0, 4.0]), np.array([2.0, 0.3, 0.5, 0.1]), np.eye(7)[3]
+    one = np.array([[1.0, 0.0]])
+    work = lane_layout.build_lanes(1, one, one, bounds.planes, ends, discs, np.zeros(3))[0]
+    rows, going = work.reshape(-1, lane_layout.LANES), 0
     for k in range(1500):
         if k % 40 == 0:  # goals beyond the border as well, so that braking sets in
             goal = region.center + rng.uniform(-1.4, 1.4, 3)
         reference_kernel.position_step(
             p, v, goal, margin, bounds.planes, bounds.disc, bounds.polygon, LIMITS, dt, a
         )
+        motion = np.concatenate([np.ravel(mine), np.zeros(4)])[None, None]
+        setpoint = np.concatenate([goal, np.zeros(2)])[None, None]
+        limits = (LIMITS, gaze_limits)
+        free = _refer_lanes(work, motion, setpoint, camera, gains, 2, margin, *limits, dt)
         mine = position_step(*mine, tuple(goal), 0, margin, bounds.planes, ends, discs, LIMITS, dt)
+        going += free
+        lane = rows[lane_layout.MOTION : lane_layout.MOTION + 9]
+        expected = np.ravel(mine) if free else motion[0, 0, :9]  # who has to brake waits
+        np.testing.assert_allclose(lane, np.tile(expected[:, None], lane_layout.LANES), rtol=0, atol=1e-13)
         np.testing.assert_allclose(np.array(mine), [p, v, a], rtol=0, atol=1e-9)
+    assert 0 < going < 1500
 
 
 def test_gaze_and_command_are_those_of_the_array_kernels():
@@ -150,6 +216,10 @@ def test_gaze_and_command_are_those_of_the_array_kernels():
     gaze, rate = np.zeros(2), np.zeros(2)
     mine = (0.0, 0.0, 0.0, 0.0)
     gains = np.array([2.0, 0.3, 0.5, 0.12])
+    circles = [np.array([[math.cos(x), math.sin(x)]]) for x in (yaw, 0.5 * yaw)]
+    nowhere = (np.zeros((0, 4)), np.zeros(2, dtype=np.int64), np.zeros((1, 3)), np.zeros(3))
+    work = lane_layout.build_lanes(1, *circles, *nowhere)[0]
+    rows, gaze_limits = work.reshape(-1, lane_layout.LANES), np.array([1.5, 6.0, 4.0])
     for k in range(300):
         if k % 30 == 0:
             goal = rng.uniform(-1.2, 1.2, 2)
@@ -168,6 +238,17 @@ def test_gaze_and_command_are_those_of_the_array_kernels():
             )
             u, w, e = command_of(tuple(p), tuple(q), tuple(p_d), q_d, tuple(v_d), w_d, gains, code)
             np.testing.assert_allclose([u, w, e], wanted[:3, 0], rtol=0, atol=1e-11)
+            motion = np.concatenate([p_d, v_d, np.zeros(3), mine])[None, None]
+            asked, camera = np.array([[[0.0, 0.0, 0.0, *goal]]]), np.concatenate([p, q])
+            limits = (LIMITS, gaze_limits, 1 / 60)
+            assert _refer_lanes(work, motion, asked, camera, gains, code, 0.0, *limits)
+            np.testing.assert_allclose(rows[lane_layout.U : lane_layout.U + 3, 1], u, rtol=0, atol=1e-13)
+            np.testing.assert_allclose(
+                rows[lane_layout.LOOK : lane_layout.LOOK + 3, 2], w, rtol=0, atol=1e-13
+            )
+            ahead = gaze_step(mine[:2], mine[2:], tuple(goal), 1.5, 6.0, 4.0, 1 / 60)
+            place = slice(lane_layout.MOTION + 9, lane_layout.MOTION + 13)
+            np.testing.assert_allclose(rows[place, 3], ahead, rtol=0, atol=1e-15)
 
 
 LOOP = Road(name="loop", points_m=((4, 0), (1, 3), (-3, 2), (-3, -2), (1, -3)), closed=True)

@@ -1,0 +1,157 @@
+"""Workspaces of `camnet.batch.lanes`: what is in which row, and how a lane is read and written.
+
+A number of an agent is a row of the workspace, (4 ROWS + ..,) in one piece: one entry a lane. Agents 4 b to 4 b + 3 of
+the environment that flies are in workspace b; lanes without an agent repeat the last one. All a lane needs is in the
+workspace, constants as well: only then does the compiler know that nothing else is written to.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from camnet.batch.compiled import inlined, inner
+from camnet.batch.triples import Quaternion, Triple
+from camnet.types import Array, IntArray
+
+__all__ = [
+    "LANES",
+    "PLANES_AT_ONCE",
+    "ROWS",
+    "build_lanes",
+    "load_flight",
+    "load_plan",
+    "show",
+    "store_flight",
+    "store_plan",
+]
+
+LANES = 4
+# a body and its memory, in their order: p, q (x y z w), v, w; rotors, gimbal angles and rates, integral, thrust axis
+P, Q, V, W = 0, 3, 7, 10
+ROTORS, JOINTS, RATES, INTEGRAL, AXIS, AXIS_RATE = 13, 17, 20, 23, 26, 29
+BODY, MEMORY = 13, 19
+#: rows that a flight changes and that a failed one gets back
+FLOWN = 32
+#: camera: p, q (w first), v, w
+CAMERA = 32
+#: reference: p, v, a, gaze, its rate; where it is to go: goal, gaze
+MOTION, REFERENCE = 45, 13
+SETPOINT, ASKED = 58, 5
+# what is commanded: velocity, acceleration, angular velocity of the camera, heading (cosine, sine), wind
+U, A, LOOK, HEADING, WIND = 63, 66, 69, 72, 74
+# of one period: (cosine, sine) of the joints, gain of velocity, torque, body rates before and after
+CIRCLES, GAIN, TORQUE, BEFORE, AFTER = 77, 83, 86, 89, 92
+# speeds asked of the rotors, sums of their squares, largest square of an angular velocity
+GOALS, SQUARES, LARGEST = 95, 99, 103
+SAVED = 104
+# constants: half the heading (cosine, sine), disc of the region
+HALF_YAW, DISC = 136, 138
+# reference after the period; where it would stop, braking fully and gently; depths of all these in the region
+NEXT, STOP, GENTLE_STOP, DEPTHS, ALLOWED = 141, 150, 153, 156, 160
+#: square of the reference's error at the beginning of the period
+ERROR = 161
+#: planes of the region, six at a time: normal and offset of each
+PLANES, PLANES_AT_ONCE = 162, 6
+ROWS = 162
+
+
+def build_lanes(
+    n_agents: int, yaw: Array, half_yaw: Array, planes: Array, ends: IntArray, discs: Array, wind: Array
+) -> Array:
+    """Workspaces (B, ..) of so many agents, their constants in place; arrays as in `camnet.batch.network.Model`."""
+    most = max(int((ends[1:] - ends[:-1])[:n_agents].max()), 1)
+    groups = -(-most // PLANES_AT_ONCE)
+    blocks = -(-n_agents // LANES)
+    x = np.zeros((blocks, ROWS + 4 * PLANES_AT_ONCE * groups, LANES))
+    x[:, PLANES + 3 :: 4] = math.inf  # what is not there is far away
+    for k in range(blocks * LANES):
+        b, lane, n = k // LANES, k % LANES, min(k, n_agents - 1)
+        x[b, HEADING : HEADING + 2, lane], x[b, HALF_YAW : HALF_YAW + 2, lane] = yaw[n], half_yaw[n]
+        x[b, DISC : DISC + 3, lane], x[b, WIND : WIND + 3, lane] = discs[n], wind
+        mine = planes[ends[n] : ends[n + 1]]
+        x[b, PLANES : PLANES + mine.size, lane] = mine.ravel()
+    return x.reshape(blocks, -1)
+
+
+@inlined
+def get(x: Array, row: int, lane: int) -> Triple:
+    """Three rows of a lane."""
+    return x[row * LANES + lane], x[(row + 1) * LANES + lane], x[(row + 2) * LANES + lane]
+
+
+@inlined
+def put(x: Array, row: int, lane: int, v: Triple) -> None:
+    """Write three rows of a lane."""
+    x[row * LANES + lane] = v[0]
+    x[(row + 1) * LANES + lane] = v[1]
+    x[(row + 2) * LANES + lane] = v[2]
+
+
+@inlined
+def get_pair(x: Array, row: int, lane: int) -> tuple[float, float]:
+    """Two rows of a lane."""
+    return x[row * LANES + lane], x[(row + 1) * LANES + lane]
+
+
+@inlined
+def get_four(x: Array, row: int, lane: int) -> Quaternion:
+    """Four rows of a lane."""
+    first = row * LANES + lane
+    return x[first], x[first + LANES], x[first + 2 * LANES], x[first + 3 * LANES]
+
+
+@inlined
+def put_four(x: Array, row: int, lane: int, v: Quaternion) -> None:
+    """Write four rows of a lane."""
+    first = row * LANES + lane
+    x[first], x[first + LANES], x[first + 2 * LANES], x[first + 3 * LANES] = v[0], v[1], v[2], v[3]
+
+
+@inlined
+def orientation(x: Array, lane: int) -> Quaternion:
+    """Return the body's quaternion, w first."""
+    q = get_four(x, Q, lane)
+    return q[3], q[0], q[1], q[2]
+
+
+@inner
+def load_flight(x: Array, lane: int, bodies: Array, memory: Array, cameras: Array, e: int, n: int) -> None:
+    """Put body and camera of agent ``n`` of environment ``e`` into a lane."""
+    for k in range(BODY):
+        x[k * LANES + lane], x[(CAMERA + k) * LANES + lane] = bodies[e, n, k], cameras[e, n, k]
+    for k in range(MEMORY):
+        x[(BODY + k) * LANES + lane] = memory[e, n, k]
+
+
+@inner
+def load_plan(x: Array, lane: int, motion: Array, setpoint: Array, e: int, n: int) -> None:
+    """Put reference and setpoint into a lane."""
+    for k in range(REFERENCE):
+        x[(MOTION + k) * LANES + lane] = motion[e, n, k]
+    for k in range(ASKED):
+        x[(SETPOINT + k) * LANES + lane] = setpoint[e, n, k]
+
+
+@inner
+def show(x: Array, lane: int, bodies: Array, cameras: Array, e: int, n: int) -> None:
+    """Take back what others look at: body and camera."""
+    for k in range(BODY):
+        bodies[e, n, k], cameras[e, n, k] = x[k * LANES + lane], x[(CAMERA + k) * LANES + lane]
+
+
+@inner
+def store_flight(x: Array, lane: int, bodies: Array, memory: Array, e: int, n: int) -> None:
+    """Take back the body and its memory."""
+    for k in range(BODY):
+        bodies[e, n, k] = x[k * LANES + lane]
+    for k in range(MEMORY):
+        memory[e, n, k] = x[(BODY + k) * LANES + lane]
+
+
+@inner
+def store_plan(x: Array, lane: int, motion: Array, e: int, n: int) -> None:
+    """Take back the reference."""
+    for k in range(REFERENCE):
+        motion[e, n, k] = x[(MOTION + k) * LANES + lane]

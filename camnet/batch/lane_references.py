@@ -1,0 +1,177 @@
+"""References and commands of four agents at a time: `camnet.batch.reference` with a lane of a vector register for each.
+
+`ask_lanes` is the sliding mode, (4-3) and (4-6), `follow_lanes` moves the references on. A reference that has to brake
+before a border is left to `camnet.batch.reference.position_step`: `follow_lanes` tells whether there is one.
+"""
+
+from __future__ import annotations
+
+import math
+
+from camnet.batch.compiled import inlined, inner
+from camnet.batch.lane_layout import (
+    ALLOWED,
+    CAMERA,
+    DEPTHS,
+    DISC,
+    ERROR,
+    GENTLE_STOP,
+    HALF_YAW,
+    HEADING,
+    LANES,
+    LOOK,
+    MOTION,
+    NEXT,
+    PLANES,
+    PLANES_AT_ONCE,
+    SETPOINT,
+    STOP,
+    A,
+    U,
+    get,
+    get_four,
+    get_pair,
+    put,
+)
+from camnet.batch.reference import TOLERANCE, gaze_step, gentle_stop, moved, pointing, stop, wanted
+from camnet.batch.triples import Triple, circle, even_rotation_vector, multiply, rotate_inverse, tanh
+from camnet.types import Array
+
+__all__ = ["ask_lanes", "follow_lanes"]
+
+Gains = tuple[float, float, float, float]
+Limits = tuple[float, float, float, float, float]
+
+
+@inlined
+def _switch(e: float, code: int, layer: float) -> float:
+    sign = 1.0 if e > 0.0 else (-1.0 if e < 0.0 else 0.0)
+    straight = min(max(e / layer, -1.0), 1.0)
+    smooth = tanh(e / layer)
+    return smooth if code == 2 else (straight if code == 1 else sign)
+
+
+@inner
+def _ask(x: Array, gains: Gains, code: int) -> None:
+    """Command velocity and angular velocity of the cameras."""
+    k1, d_l, d_a, layer = gains
+    for i in range(LANES):
+        gaze, rate = get_pair(x, MOTION + 9, i), get_pair(x, MOTION + 11, i)
+        pan, tilt = circle(gaze[0]), circle(gaze[1])
+        tx, ty = pan[1] / pan[0], tilt[1] / tilt[0]
+        q_d, w_d = pointing(tx, ty, rate[0], rate[1], get_pair(x, HEADING, i), get_pair(x, HALF_YAW, i))
+        p, q = get(x, CAMERA, i), get_four(x, CAMERA + 3, i)
+        p_d, v_d = get(x, MOTION, i), get(x, MOTION + 3, i)
+        off = multiply((q_d[0], -q_d[1], -q_d[2], -q_d[3]), q)
+        a, ahead = even_rotation_vector(off), rotate_inverse(off, w_d)
+        e = (p[0] - p_d[0], p[1] - p_d[1], p[2] - p_d[2])  # (4-3)
+        u: Triple = (
+            v_d[0] - k1 * e[0] - d_l * _switch(e[0], code, layer),  # (4-6)
+            v_d[1] - k1 * e[1] - d_l * _switch(e[1], code, layer),
+            v_d[2] - k1 * e[2] - d_l * _switch(e[2], code, layer),
+        )
+        w: Triple = (
+            ahead[0] - k1 * a[0] - d_a * _switch(a[0], code, layer),  # (4-6)
+            ahead[1] - k1 * a[1] - d_a * _switch(a[1], code, layer),
+            ahead[2] - k1 * a[2] - d_a * _switch(a[2], code, layer),
+        )
+        put(x, U, i, u)
+        put(x, A, i, get(x, MOTION + 6, i))
+        put(x, LOOK, i, w)
+        x[ERROR * LANES + i] = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
+
+
+@inner
+def ask_lanes(x: Array, gains: Array, code: int) -> None:
+    """Command what brings the cameras to their references; ``gains`` and ``code`` as in `command_of`."""
+    _ask(x, (gains[0], gains[1], gains[2], gains[3]), code)
+
+
+@inlined
+def _depth_in_disc(x: Array, lane: int, p: Triple) -> float:
+    disc = get(x, DISC, lane)
+    dx, dy = p[0] - disc[0], p[1] - disc[1]
+    return disc[2] - math.sqrt(dx * dx + dy * dy) if disc[2] > 0.0 else math.inf
+
+
+@inner
+def _want(x: Array, limits: Limits, dt: float) -> None:
+    """Where references would be after the period, and where they could stop."""
+    for i in range(LANES):
+        p, v, a = get(x, MOTION, i), get(x, MOTION + 3, i), get(x, MOTION + 6, i)
+        push = wanted(p, v, a, get(x, SETPOINT, i), limits, dt)
+        p_next, v_next = moved(p, v, push, dt)
+        end, gentle_end = (
+            stop(p_next, v_next, limits[1]),
+            gentle_stop(p_next, v_next, push, limits[1], limits[4]),
+        )
+        put(x, NEXT, i, p_next)
+        put(x, NEXT + 3, i, v_next)
+        put(x, NEXT + 6, i, push)
+        put(x, STOP, i, end)
+        put(x, GENTLE_STOP, i, gentle_end)
+        x[DEPTHS * LANES + i] = _depth_in_disc(x, i, p)
+        x[(DEPTHS + 1) * LANES + i] = _depth_in_disc(x, i, p_next)
+        x[(DEPTHS + 2) * LANES + i] = _depth_in_disc(x, i, end)
+        x[(DEPTHS + 3) * LANES + i] = _depth_in_disc(x, i, gentle_end)
+
+
+@inlined
+def _depth(x: Array, first: int, lane: int, p: Triple, depth: float) -> float:
+    """Depth of a point behind six planes from row ``first`` on, ``depth`` at most."""
+    for k in range(PLANES_AT_ONCE):
+        a = get_four(x, first + 4 * k, lane)
+        depth = min(depth, a[3] - a[0] * p[0] - a[1] * p[1] - a[2] * p[2])
+    return depth
+
+
+@inner
+def _measure_depths(x: Array, first: int) -> None:
+    """Depths of the four points behind six planes."""
+    for i in range(LANES):
+        x[DEPTHS * LANES + i] = _depth(x, first, i, get(x, MOTION, i), x[DEPTHS * LANES + i])
+        k = (DEPTHS + 1) * LANES + i
+        x[k] = _depth(x, first, i, get(x, NEXT, i), x[k])
+        k = (DEPTHS + 2) * LANES + i
+        x[k] = _depth(x, first, i, get(x, STOP, i), x[k])
+        k = (DEPTHS + 3) * LANES + i
+        x[k] = _depth(x, first, i, get(x, GENTLE_STOP, i), x[k])
+
+
+@inner
+def _go_on(x: Array, margin: float, limits: tuple[float, float, float], dt: float) -> None:
+    """Move references that may, and all gazes."""
+    least = margin - TOLERANCE
+    for i in range(LANES):
+        k = DEPTHS * LANES + i
+        safe = min(x[k + LANES], x[k + 2 * LANES], x[k + 3 * LANES])
+        allowed = 1.0 if (x[k] < margin - 2.0 * TOLERANCE) | (safe >= least) else 0.0
+        x[ALLOWED * LANES + i] = allowed
+        for j in range(9):
+            old, new = x[(MOTION + j) * LANES + i], x[(NEXT + j) * LANES + i]
+            x[(MOTION + j) * LANES + i] = new if allowed > 0.0 else old
+        look = gaze_step(
+            get_pair(x, MOTION + 9, i),
+            get_pair(x, MOTION + 11, i),
+            get_pair(x, SETPOINT + 3, i),
+            limits[0],
+            limits[1],
+            limits[2],
+            dt,
+        )
+        x[(MOTION + 9) * LANES + i], x[(MOTION + 10) * LANES + i] = look[0], look[1]
+        x[(MOTION + 11) * LANES + i], x[(MOTION + 12) * LANES + i] = look[2], look[3]
+
+
+@inner
+def follow_lanes(x: Array, margin: float, limits: Array, gaze_limits: Array, dt: float) -> bool:
+    """Move the references on for a control period; False if one of them has to brake (``ALLOWED`` 0) and waits."""
+    c = (limits[0], limits[1], limits[2], limits[3], limits[4])
+    _want(x, c, dt)
+    for first in range(PLANES, len(x) // LANES, 4 * PLANES_AT_ONCE):
+        _measure_depths(x, first)
+    _go_on(x, margin, (gaze_limits[0], gaze_limits[1], gaze_limits[2]), dt)
+    going = 0.0
+    for i in range(LANES):
+        going += x[ALLOWED * LANES + i]
+    return going == LANES
