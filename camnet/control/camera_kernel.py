@@ -5,56 +5,59 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from camnet.geometry.rotations_compiled import multiply, rotate, rotate_inverse
+from camnet.geometry.triples import (
+    Quaternion,
+    Triple,
+    borrowing,
+    multiply,
+    norm,
+    rotate,
+    rotate_inverse,
+    triple,
+)
 from camnet.types import Array
 
-__all__ = ["body_motion", "camera_motion", "first_unsound", "may_touch"]
+__all__ = ["body_motion", "first_unsound", "may_touch", "write_bodies", "write_cameras"]
 
 
-@njit(cache=True)
-def _gimbal_quaternion(yaw: float, pan: float, tilt: float) -> Array:
+@borrowing
+def _gimbal_quaternion(yaw: float, pan: float, tilt: float) -> Quaternion:
     """Camera to body: Rz(yaw), straight down, Ry(pan), Rx(tilt)."""
-    turn, down, swing, nod = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    turn[0], turn[3] = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    down[1] = 1.0
-    swing[0], swing[2] = math.cos(0.5 * pan), math.sin(0.5 * pan)
-    nod[0], nod[1] = math.cos(0.5 * tilt), math.sin(0.5 * tilt)
-    return multiply(multiply(turn, down), multiply(swing, nod))
+    turn = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+    swing = (math.cos(0.5 * pan), 0.0, math.sin(0.5 * pan), 0.0)
+    nod = (math.cos(0.5 * tilt), math.sin(0.5 * tilt), 0.0, 0.0)
+    return multiply(multiply(turn, (0.0, 1.0, 0.0, 0.0)), multiply(swing, nod))
 
 
-@njit(cache=True)
-def camera_motion(bodies: Array, memory: Array, offset_body: Array) -> Array:
-    """Cameras (N,13) p, q (scalar first), v in the world frame, w in the camera frame.
+@borrowing
+def write_cameras(bodies: Array, memory: Array, offset_body: Array, out: Array, first: int) -> None:
+    """Write cameras p, q (scalar first), v in the world frame, w in the camera frame to the rows from ``first`` on.
 
     ``bodies`` (N,13) and ``memory`` (N,19) are packed as in `camnet.control.quadrotor_kernel`; ``offset_body`` (3,)
     is the optical centre in the body frame, m.
     """
-    out = np.empty((bodies.shape[0], 13))
-    q_body = np.empty(4)
     for n in range(bodies.shape[0]):
-        body, joint, rate = bodies[n], memory[n, 4:7], memory[n, 7:10]
-        q_body[0], q_body[1], q_body[2], q_body[3] = body[6], body[3], body[4], body[5]
-        arm = rotate(q_body, offset_body)
-        q_bc = _gimbal_quaternion(joint[0], joint[1], joint[2])
-        out[n, 3:7] = multiply(q_body, q_bc)
-        w = body[10:13]
-        out[n, 7] = body[7] + w[1] * arm[2] - w[2] * arm[1]
-        out[n, 8] = body[8] + w[2] * arm[0] - w[0] * arm[2]
-        out[n, 9] = body[9] + w[0] * arm[1] - w[1] * arm[0]
-        c1, s1 = math.cos(joint[1]), math.sin(joint[1])
-        c2, s2 = math.cos(joint[2]), math.sin(joint[2])
+        q_body = (bodies[n, 6], bodies[n, 3], bodies[n, 4], bodies[n, 5])
+        arm = rotate(q_body, (offset_body[0], offset_body[1], offset_body[2]))
+        q_bc = _gimbal_quaternion(memory[n, 4], memory[n, 5], memory[n, 6])
+        q_camera = multiply(q_body, q_bc)
+        w, rate = triple(bodies, n, 10), triple(memory, n, 7)
+        lever = (w[1] * arm[2] - w[2] * arm[1], w[2] * arm[0] - w[0] * arm[2], w[0] * arm[1] - w[1] * arm[0])
+        c1, s1 = math.cos(memory[n, 5]), math.sin(memory[n, 5])
+        c2, s2 = math.cos(memory[n, 6]), math.sin(memory[n, 6])
         carried = rotate_inverse(q_bc, rotate_inverse(q_body, w))
-        out[n, 10] = carried[0] + rate[2] + s1 * rate[0]
-        out[n, 11] = carried[1] + c2 * rate[1] - s2 * c1 * rate[0]
-        out[n, 12] = carried[2] - s2 * rate[1] - c2 * c1 * rate[0]
+        own = (rate[2] + s1 * rate[0], c2 * rate[1] - s2 * c1 * rate[0], -s2 * rate[1] - c2 * c1 * rate[0])
+        row = first + n
         for i in range(3):
-            out[n, i] = body[i] + arm[i]
-    return out
+            out[row, i] = bodies[n, i] + arm[i]
+            out[row, 7 + i] = bodies[n, 7 + i] + lever[i]
+            out[row, 10 + i] = carried[i] + own[i]
+        for i in range(4):
+            out[row, 3 + i] = q_camera[i]
 
 
-@njit(cache=True)
+@borrowing
 def first_unsound(bodies: Array, start_p: Array, range_m: float, speed_mps: float) -> int:
     """Index of the first body (N,13) that is not finite, too far from its start (N,3) or too fast; -1 if none is.
 
@@ -62,7 +65,7 @@ def first_unsound(bodies: Array, start_p: Array, range_m: float, speed_mps: floa
     """
     for n in range(bodies.shape[0]):
         for k in range(13):
-            if not np.isfinite(bodies[n, k]):
+            if not math.isfinite(bodies[n, k]):
                 return n
         for k in range(3):
             if abs(bodies[n, k] - start_p[n, k]) >= range_m or abs(bodies[n, 7 + k]) >= speed_mps:
@@ -70,27 +73,32 @@ def first_unsound(bodies: Array, start_p: Array, range_m: float, speed_mps: floa
     return -1
 
 
-@njit(cache=True)
-def body_motion(bodies: Array) -> Array:
-    """Bodies (N,13): p, q (scalar first), v in the world frame, w in the body frame, from the engine's packing."""
-    out = np.empty((bodies.shape[0], 13))
+@borrowing
+def write_bodies(bodies: Array, out: Array) -> None:
+    """Write p, q (scalar first), v in the world frame, w in the body frame, from the engine's packing (N,13)."""
     for n in range(bodies.shape[0]):
-        body = bodies[n]
-        out[n, 0:3] = body[0:3]
-        out[n, 3], out[n, 4:7] = body[6], body[3:6]
-        out[n, 7:10] = body[7:10]
-        out[n, 10:13] = rotate_inverse(out[n, 3:7], body[10:13])
+        q = (bodies[n, 6], bodies[n, 3], bodies[n, 4], bodies[n, 5])
+        w = rotate_inverse(q, triple(bodies, n, 10))
+        for i in range(4):
+            out[n, 3 + i] = q[i]
+        for i in range(3):
+            out[n, i], out[n, 7 + i], out[n, 10 + i] = bodies[n, i], bodies[n, 7 + i], w[i]
+
+
+def body_motion(bodies: Array) -> Array:
+    """Bodies (N,13) as `write_bodies` writes them."""
+    out = np.empty_like(bodies)
+    write_bodies(bodies, out)
     return out
 
 
-@njit(cache=True)
-def _gap(p: Array, q: Array) -> float:
-    """Distance between two points (3,)."""
-    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
-    return math.sqrt(x * x + y * y + z * z)
+@borrowing
+def _gap(p: Triple, q: Triple) -> float:
+    """Distance between two points."""
+    return norm((p[0] - q[0], p[1] - q[1], p[2] - q[2]))
 
 
-@njit(cache=True)
+@borrowing
 def may_touch(bodies: Array, radius: float, balls: Array, reach: float, dt: float) -> bool:
     """Whether any body (N,13) may touch the ground, another body or a ball within ``dt`` s; False is certain.
 
@@ -99,14 +107,14 @@ def may_touch(bodies: Array, radius: float, balls: Array, reach: float, dt: floa
     """
     n = bodies.shape[0]
     for i in range(n):
-        own = radius + reach + dt * _gap(bodies[i, 7:10], np.zeros(3))
+        own = radius + reach + dt * norm(triple(bodies, i, 7))
         if not bodies[i, 2] > own:
             return True
         for j in range(i):
-            other = radius + reach + dt * _gap(bodies[j, 7:10], np.zeros(3))
-            if not _gap(bodies[i, :3], bodies[j, :3]) > own + other:
+            other = radius + reach + dt * norm(triple(bodies, j, 7))
+            if not _gap(triple(bodies, i, 0), triple(bodies, j, 0)) > own + other:
                 return True
         for m in range(balls.shape[0]):
-            if not _gap(bodies[i, :3], balls[m, :3]) > own + balls[m, 3] + dt * balls[m, 4]:
+            if not _gap(triple(bodies, i, 0), triple(balls, m, 0)) > own + balls[m, 3] + dt * balls[m, 4]:
                 return True
     return False

@@ -6,10 +6,9 @@ here they only stand in a row, because a call from Python costs more than most o
 
 from __future__ import annotations
 
-from numba import njit
-
-from camnet.control.camera_kernel import body_motion, camera_motion, first_unsound, may_touch
+from camnet.control.camera_kernel import first_unsound, may_touch, write_bodies, write_cameras
 from camnet.control.quadrotor_kernel import hold_command, step_packed, turn_gimbals
+from camnet.geometry.triples import borrowing
 from camnet.types import Array
 
 __all__ = ["INVALID", "begin_period", "end_period"]
@@ -18,7 +17,7 @@ __all__ = ["INVALID", "begin_period", "end_period"]
 INVALID = -1
 
 
-@njit(cache=True)
+@borrowing
 def begin_period(
     bodies: Array,
     memory: Array,
@@ -45,7 +44,7 @@ def begin_period(
     return 1 if touching else 0
 
 
-@njit(cache=True)
+@borrowing
 def end_period(
     before: Array,
     bodies: Array,
@@ -61,11 +60,13 @@ def end_period(
 ) -> int:
     """Turn the gimbals after the last run of the inner loop; first unsound body (-1: none).
 
-    ``out`` (N+C,13) receives N bodies as in `body_motion`, their N cameras as in `camera_motion`, ``fixed`` (C-N,13).
+    ``out`` (N+C,13) receives N bodies as in `write_bodies`, their N cameras as in `write_cameras`, ``fixed`` (C-N,13).
     """
     n = bodies.shape[0]
     turn_gimbals(before, bodies, memory, held, constants)
-    out[:n] = body_motion(bodies)
-    out[n : 2 * n] = camera_motion(bodies, memory, offset_body)
-    out[2 * n :] = fixed
+    write_bodies(bodies, out)
+    write_cameras(bodies, memory, offset_body, out, n)
+    for row in range(fixed.shape[0]):
+        for i in range(13):
+            out[2 * n + row, i] = fixed[row, i]
     return first_unsound(bodies, start_p, range_m, speed_mps)

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from camnet.geometry.rotations_compiled import conjugate, log, multiply, rotate
+from camnet.geometry.triples import borrowing
 from camnet.types import Array
 
 __all__ = [
@@ -132,25 +133,25 @@ def record_period(
             reference[k, n, 3 + i] = q_d[n, i]
 
 
-@njit(cache=True)
+@borrowing
 def record_start(
     k: int,
     truth: Array,
     command: Array,
     error: Array,
     reference: Array,
-    cameras: Array,
+    motion: Array,
     asked: Array,
     rows: Array,
 ) -> None:
     """Put what is known when period ``k`` begins into the arrays that `run_periods` judges.
 
-    ``cameras`` (N,13) are p, q, v, w; ``asked`` (4,N,3) as of `camnet.control.sliding_mode_kernel`, ``rows`` (N,20) as
-    of `camnet.control.reference_kernel.step_all`.
+    The rows of ``motion`` from N on are the cameras' p, q, v, w; ``asked`` (4,N,3) as of
+    `camnet.control.sliding_mode_kernel`, ``rows`` (N,20) as of `camnet.control.reference_kernel.move_all`.
     """
     for n in range(truth.shape[1]):
         for i in range(7):
-            truth[k, n, i] = cameras[n, i]
+            truth[k, n, i] = motion[truth.shape[1] + n, i]
         for i in range(3):
             command[k, n, i], command[k, n, 3 + i] = asked[0, n, i], asked[1, n, i]
             error[k, n, i], error[k, n, 3 + i] = asked[2, n, i], asked[3, n, i]
@@ -160,12 +161,12 @@ def record_start(
             reference[k, n, 3 + i] = rows[n, 13 + i]
 
 
-@njit(cache=True)
-def record_end(k: int, truth: Array, cameras: Array) -> None:
-    """Put the cameras (N,13) at the end of period ``k`` into the arrays that `run_periods` judges."""
+@borrowing
+def record_end(k: int, truth: Array, motion: Array) -> None:
+    """Put the cameras at the end of period ``k`` into the arrays that `run_periods` judges."""
     for n in range(truth.shape[1]):
         for i in range(7):
-            truth[k, n, 7 + i] = cameras[n, i]
+            truth[k, n, 7 + i] = motion[truth.shape[1] + n, i]
 
 
 @njit(cache=True)

@@ -5,27 +5,27 @@ object at a time. Rows of N agents:
 
 | array | row | as in |
 | --- | --- | --- |
-| ``rows`` (N,20) | reference: p, v, a, gaze and its rate, orientation, angular velocity | `reference_kernel.step_all` |
+| ``rows`` (N,20) | reference: p, v, a, gaze and its rate, orientation, angular velocity | `reference_kernel.move_all` |
 | ``bodies``, ``memory``, ``held``, ``constants`` | rigid body, rotors and gimbal, command | `quadrotor_kernel` |
 | ``motion`` (N+C,13) | p, q, v, w of the bodies, of their cameras, of the fixed ones | `flight_kernel.end_period` |
 | ``truth``, ``command``, ``error``, ``reference`` (K,N,.) | periods for the monitor | `monitor_kernel.run_periods` |
+| ``asked`` (4,N,3), written | command and errors | `sliding_mode_kernel.command_all` |
 | ``balls`` (M,5) | what else moves | `camera_kernel.may_touch` |
 """
 
 from __future__ import annotations
 
-from numba import njit
-
 from camnet.control.flight_kernel import begin_period, end_period
 from camnet.control.monitor_kernel import record_end, record_start
-from camnet.control.reference_kernel import step_all
-from camnet.control.sliding_mode_kernel import control_compiled
+from camnet.control.reference_kernel import move_all
+from camnet.control.sliding_mode_kernel import command_all
+from camnet.geometry.triples import borrowing
 from camnet.types import Array, IntArray
 
 __all__ = ["begin_flight", "continue_flight"]
 
 
-@njit(cache=True)
+@borrowing
 def begin_flight(
     k: int,
     rows: Array,
@@ -52,6 +52,7 @@ def begin_flight(
     held: Array,
     constants: Array,
     wrench: Array,
+    asked: Array,
     motion: Array,
     balls: Array,
     targets: Array,
@@ -64,11 +65,8 @@ def begin_flight(
     ``k`` is the monitor's period, ``targets`` (M,13) are p, q, v, w of the targets now, ``wind`` (N,3) holds for the
     period. Returns 1: something may touch, 0: not, -1: the command is not finite.
     """
-    n = rows.shape[0]
-    cameras = motion[n : 2 * n]
-    p, q = cameras[:, 0:3], cameras[:, 3:7]
-    asked = control_compiled(p, q, rows[:, 0:3], rows[:, 13:17], rows[:, 3:6], rows[:, 17:20], gains, code)
-    record_start(k, truth, command, error, reference, cameras, asked, rows)
+    command_all(motion, rows.shape[0], rows, gains, code, asked)
+    record_start(k, truth, command, error, reference, motion, asked, rows)
     for m in range(balls.shape[0]):
         balls[m, 0], balls[m, 1], balls[m, 2] = targets[m, 0], targets[m, 1], targets[m, 2]
     found = begin_period(
@@ -86,7 +84,7 @@ def begin_flight(
         reach,
         dt,
     )
-    rows[:] = step_all(
+    move_all(
         rows,
         goals,
         looks,
@@ -104,7 +102,7 @@ def begin_flight(
     return found
 
 
-@njit(cache=True)
+@borrowing
 def continue_flight(
     k: int,
     truth: Array,
@@ -128,7 +126,7 @@ def continue_flight(
     unsound = end_period(
         before, bodies, memory, held, constants, offset_body, fixed, start_p, range_m, speed_mps, motion
     )
-    record_end(k, truth, motion[n : 2 * n])
+    record_end(k, truth, motion)
     square = 0.0
     for i in range(n):
         for j in range(7, 10):

@@ -18,15 +18,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from camnet.geometry.polygon import signed_distance
+from camnet.geometry.polygon import point_distance
+from camnet.geometry.triples import Quaternion, Triple, borrowing
 from camnet.types import Array, IntArray
 
 __all__ = [
     "clearance",
     "gaze_motion",
     "gaze_step",
+    "move_all",
     "position_step",
     "same",
     "segment_inside",
@@ -36,12 +37,12 @@ __all__ = [
 
 _TOLERANCE = 1e-9
 
-Triple = tuple[float, float, float]
 #: three numbers, however they are kept
 Vector = Array | Triple
+Pair = tuple[float, float]
 
 
-@njit(cache=True)
+@borrowing
 def clearance(p: Vector, planes: Array, disc: Array, polygon: Array) -> float:
     """Depth of ``p`` (3,) inside the intersection of half-spaces (F,4: a, b), a disc (3,: x, y, r) and a polygon.
 
@@ -54,14 +55,11 @@ def clearance(p: Vector, planes: Array, disc: Array, polygon: Array) -> float:
     if disc[2] > 0.0:
         depth = min(depth, disc[2] - math.hypot(p[0] - disc[0], p[1] - disc[1]))
     if polygon.shape[0] > 0:
-        point = np.empty((1, 3))
-        for i in range(3):
-            point[0, i] = p[i]
-        depth = min(depth, -signed_distance(point, polygon)[0])
+        depth = min(depth, -point_distance(p[0], p[1], polygon))
     return depth
 
 
-@njit(cache=True)
+@borrowing
 def _crosses(a: Vector, b: Vector, c: Array, d: Array) -> bool:
     """Whether the plane segments a-b and c-d cross at an inner point."""
     ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
@@ -72,7 +70,7 @@ def _crosses(a: Vector, b: Vector, c: Array, d: Array) -> bool:
     return bool(side_c * side_d < 0.0 and side_a * side_b < 0.0)
 
 
-@njit(cache=True)
+@borrowing
 def segment_inside(a: Vector, b: Vector, margin: float, planes: Array, disc: Array, polygon: Array) -> bool:
     """Whether the segment a-b (ends (3,)) lies ``margin`` inside the region."""
     if clearance(a, planes, disc, polygon) < margin - _TOLERANCE:
@@ -94,28 +92,28 @@ def segment_inside(a: Vector, b: Vector, margin: float, planes: Array, disc: Arr
     return True
 
 
-@njit(cache=True)
+@borrowing
 def _length(x: Vector) -> float:
     return math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
 
 
-@njit(cache=True)
+@borrowing
 def _plus(x: Vector, factor: float, y: Vector) -> Triple:
     """Return ``x + factor y``; three numbers, since a small array costs more than all the arithmetic on it."""
     return x[0] + factor * y[0], x[1] + factor * y[1], x[2] + factor * y[2]
 
 
-@njit(cache=True)
+@borrowing
 def _times(factor: float, x: Vector) -> Triple:
     return factor * x[0], factor * x[1], factor * x[2]
 
 
-@njit(cache=True)
+@borrowing
 def _set(x: Array, value: Vector) -> None:
     x[0], x[1], x[2] = value[0], value[1], value[2]
 
 
-@njit(cache=True)
+@borrowing
 def _wanted_velocity(p: Vector, goal: Vector, v_max: float, a_max: float, k_p: float) -> Triple:
     """Towards the goal: proportional nearby, with room to brake farther away, at most v_max."""
     away = _plus(goal, -1.0, p)
@@ -128,25 +126,25 @@ def _wanted_velocity(p: Vector, goal: Vector, v_max: float, a_max: float, k_p: f
     return _times(min(speed, v_max) / distance, away)
 
 
-@njit(cache=True)
+@borrowing
 def _at_most(x: Vector, size: float) -> Triple:
     length = _length(x)
     return _times(size / length if length > size else 1.0, x)
 
 
-@njit(cache=True)
+@borrowing
 def _approach(a: Vector, goal: Vector, largest_change: float) -> Triple:
     """Go from ``a`` towards ``goal``, at most by ``largest_change``."""
     return _plus(a, 1.0, _at_most(_plus(goal, -1.0, a), largest_change))
 
 
-@njit(cache=True)
+@borrowing
 def _stop(p: Vector, v: Vector, a_max: float) -> Triple:
     """Where full braking along ``v`` ends."""
     return _plus(p, _length(v) / (2.0 * a_max), v)
 
 
-@njit(cache=True)
+@borrowing
 def _gentle_stop(p: Vector, v: Vector, a: Vector, a_max: float, j_max: float) -> Triple:
     """Where braking ends about when the jerk is bounded: ``a`` fades first, then the braking sets in."""
     fade = _length(a) / j_max
@@ -155,7 +153,7 @@ def _gentle_stop(p: Vector, v: Vector, a: Vector, a_max: float, j_max: float) ->
     return _plus(_stop(p_then, v_then, a_max), 0.5 * a_max / j_max, v_then)
 
 
-@njit(cache=True)
+@borrowing
 def _within_speed(v: Vector, a: Vector, v_max: float, dt: float) -> Triple:
     """Cut an acceleration that would carry the speed beyond its bound, as one of bounded jerk can."""
     ahead = _plus(v, dt, a)
@@ -164,7 +162,7 @@ def _within_speed(v: Vector, a: Vector, v_max: float, dt: float) -> Triple:
     return _times(1.0 / dt, _plus(_at_most(ahead, v_max), -1.0, v))
 
 
-@njit(cache=True)
+@borrowing
 def _wanted_acceleration(p: Vector, v: Vector, a: Vector, goal: Vector, limits: Array, dt: float) -> Triple:
     """Towards the wanted velocity, within the bounds of acceleration, jerk and speed."""
     v_max, a_max, k_p, k_v, j_max = limits[0], limits[1], limits[2], limits[3], limits[4]
@@ -173,7 +171,7 @@ def _wanted_acceleration(p: Vector, v: Vector, a: Vector, goal: Vector, limits: 
     return _within_speed(v, wanted, v_max, dt)
 
 
-@njit(cache=True)
+@borrowing
 def position_step(
     p: Array,
     v: Array,
@@ -223,36 +221,44 @@ def position_step(
         _set(v, _plus(v, dt, brake))
 
 
-@njit(cache=True)
-def gaze_step(
-    gaze: Array, rate: Array, goal: Array, w_max: float, a_max: float, k_p: float, dt: float
-) -> None:
-    """Move pan and tilt (2,) and their rates, in place, towards ``goal`` (2,): bounded rate and acceleration."""
-    x, y = goal[0] - gaze[0], goal[1] - gaze[1]
+@borrowing
+def _gaze_step(row: Array, look: Pair, w_max: float, a_max: float, k_p: float, dt: float) -> None:
+    """Move pan and tilt and their rates, columns 9-12, towards ``look``: bounded rate and acceleration."""
+    x, y = look[0] - row[9], look[1] - row[10]
     distance = math.hypot(x, y)
     near = 0.5 * a_max / k_p**2
     speed = k_p * distance if distance < near else math.sqrt(a_max * (distance - 0.5 * near))
     scale = min(speed, w_max) / distance if distance > 1e-12 else 0.0
     gain = min(4.0 * k_p, 1.0 / dt)
-    x, y = gain * (x * scale - rate[0]), gain * (y * scale - rate[1])
+    x, y = gain * (x * scale - row[11]), gain * (y * scale - row[12])
     size = math.hypot(x, y)
     if size > a_max:
         x, y = x * (a_max / size), y * (a_max / size)
-    gaze[0] += dt * rate[0] + 0.5 * dt * dt * x
-    gaze[1] += dt * rate[1] + 0.5 * dt * dt * y
-    rate[0] += dt * x
-    rate[1] += dt * y
+    row[9] += dt * row[11] + 0.5 * dt * dt * x
+    row[10] += dt * row[12] + 0.5 * dt * dt * y
+    row[11] += dt * x
+    row[12] += dt * y
 
 
-@njit(cache=True)
-def gaze_motion(gaze: Array, rate: Array, yaw: float) -> Array:
-    """Orientation and angular velocity (7,) of a camera at moving pan and tilt, towards world x and y.
+def gaze_step(
+    gaze: Array, rate: Array, goal: Array, w_max: float, a_max: float, k_p: float, dt: float
+) -> None:
+    """Move pan and tilt (2,) and their rates, in place, towards ``goal`` (2,): bounded rate and acceleration."""
+    row = np.zeros(20)
+    row[9:11], row[11:13] = gaze, rate
+    _gaze_step(row, (float(goal[0]), float(goal[1])), w_max, a_max, k_p, dt)
+    gaze[:], rate[:] = row[9:11], row[11:13]
+
+
+@borrowing
+def _gaze_motion(pan: float, tilt: float, rate: Pair, yaw: float) -> tuple[Quaternion, Triple]:
+    """Orientation and angular velocity of a camera at moving pan and tilt, towards world x and y.
 
     The optical axis d is that of ``nadir_gaze(pan, tilt)``; at zero the image is turned by ``yaw``, which is constant:
     ``q = q_swing(d) q_yaw q_down``. With n = [1 - d_z, d_y, -d_x, 0], q_swing = n/|n|:
     q' = (n' - q (q.n')) / |n|, w = 2 vec(q* q'), seen after the yaw and the straight-down turn (x, -y, -z).
     """
-    tx, ty = math.tan(gaze[0]), math.tan(gaze[1])
+    tx, ty = math.tan(pan), math.tan(tilt)
     dtx, dty = (1.0 + tx * tx) * rate[0], (1.0 + ty * ty) * rate[1]
     size = math.sqrt(tx * tx + ty * ty + 1.0)
     shrink = (tx * dtx + ty * dty) / size**3
@@ -262,21 +268,24 @@ def gaze_motion(gaze: Array, rate: Array, yaw: float) -> Array:
     a, b, c = (1.0 - dz) / norm, dy / norm, -dx / norm
     along = (-a * ddz + b * ddy - c * ddx) / norm
     da, db, dc = -ddz / norm - a * along, ddy / norm - b * along, -ddx / norm - c * along
-    out = np.empty(7)
     # q_yaw q_down = (0, cy, sy, 0)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    out[0], out[1] = -b * cy - c * sy, a * cy
-    out[2], out[3] = a * sy, b * sy - c * cy
+    q = (-b * cy - c * sy, a * cy, a * sy, b * sy - c * cy)
     # conj(a, b, c, 0) (da, db, dc, 0)
     wx, wy, wz = 2.0 * (a * db - b * da), 2.0 * (a * dc - c * da), 2.0 * (c * db - b * dc)
     cy, sy = math.cos(yaw), math.sin(yaw)
-    out[4], out[5], out[6] = cy * wx + sy * wy, -(cy * wy - sy * wx), -wz
-    return out
+    return q, (cy * wx + sy * wy, -(cy * wy - sy * wx), -wz)
 
 
-@njit(cache=True)
-def step_all(
-    motion: Array,
+def gaze_motion(gaze: Array, rate: Array, yaw: float) -> Array:
+    """Orientation and angular velocity (7,) at ``gaze`` (2,), rad, that moves at ``rate`` (2,), rad/s."""
+    q, w = _gaze_motion(float(gaze[0]), float(gaze[1]), (float(rate[0]), float(rate[1])), float(yaw))
+    return np.array([*q, *w])
+
+
+@borrowing
+def move_all(
+    rows: Array,
     goals: Array,
     looks: Array,
     planes: Array,
@@ -289,35 +298,44 @@ def step_all(
     gaze_limits: Array,
     dt: float,
     yaw: Array,
-) -> Array:
-    """Step all references: rows (N,20) are p, v, a (3 each), gaze, gaze rate (2 each), then q (4), w (3) of the gaze.
+) -> None:
+    """Step all references in place: rows (N,20) are p, v, a (3 each), gaze, gaze rate (2 each), then q (4), w (3).
 
     ``goals`` (N,3), ``looks`` (N,2); the half-spaces and polygon corners of agent n are the rows between
     ``plane_ends[n]`` and ``plane_ends[n + 1]``, and so on. ``gaze_limits`` is rate, acceleration, gain, largest angle.
     """
-    out = motion.copy()
-    look = np.empty(2)
-    for n in range(motion.shape[0]):
-        row = out[n]
+    most = gaze_limits[3]
+    for n in range(rows.shape[0]):
+        row = rows[n]
         own_planes = planes[plane_ends[n] : plane_ends[n + 1]]
         own_polygon = polygons[polygon_ends[n] : polygon_ends[n + 1]]
         p, v, a = row[0:3], row[3:6], row[6:9]
         position_step(p, v, goals[n], margin, own_planes, discs[n], own_polygon, limits, dt, a)
-        for i in range(2):
-            look[i] = min(max(looks[n, i], -gaze_limits[3]), gaze_limits[3])
-        gaze_step(row[9:11], row[11:13], look, gaze_limits[0], gaze_limits[1], gaze_limits[2], dt)
-    turn_all(out, yaw)
+        look = (min(max(looks[n, 0], -most), most), min(max(looks[n, 1], -most), most))
+        _gaze_step(row, look, gaze_limits[0], gaze_limits[1], gaze_limits[2], dt)
+    turn_all(rows, yaw)
+
+
+def step_all(motion: Array, *asked: Array | IntArray | float) -> Array:
+    """Return the references (N,20) one step after ``motion``; what is asked as in `move_all`."""
+    out = motion.copy()
+    move_all(out, *asked)
     return out
 
 
-@njit(cache=True)
+@borrowing
 def turn_all(motion: Array, yaw: Array) -> None:
     """Fill in orientation and angular velocity of all rows (N,20) by `gaze_motion`."""
     for n in range(motion.shape[0]):
-        motion[n, 13:20] = gaze_motion(motion[n, 9:11], motion[n, 11:13], yaw[n])
+        rate = (motion[n, 11], motion[n, 12])
+        q, w = _gaze_motion(motion[n, 9], motion[n, 10], rate, yaw[n])
+        for i in range(4):
+            motion[n, 13 + i] = q[i]
+        for i in range(3):
+            motion[n, 17 + i] = w[i]
 
 
-@njit(cache=True)
+@borrowing
 def same(a: Array, b: Array) -> bool:
     """Whether two arrays (N,3) hold the same numbers."""
     for n in range(a.shape[0]):

@@ -19,7 +19,7 @@ from camnet.control.settings import ControllerSettings
 from camnet.control.sliding_mode import Reference
 from camnet.errors import ConfigError
 from camnet.geometry.polytope import PolytopeRegion
-from camnet.geometry.regions import CylinderRegion, PrismRegion, Region
+from camnet.geometry.regions import BoxRegion, CylinderRegion, PrismRegion, Region
 from camnet.types import Array, IntArray
 
 __all__ = ["Detour", "ReferenceGenerator", "ReferenceState", "RegionBounds"]
@@ -152,10 +152,19 @@ class ReferenceGenerator:
         self._gaze_limits = np.array(
             [s.reference_w_max_radps, s.reference_w_acceleration_radps2, s.gaze_gain_per_s, s.gaze_max_rad]
         )
+        self._low, self._high = self._inner_boxes()
         self._bounds = (*self._planes, self._discs, *self._polygons, self._margin)
         self._dt = dt_s
         self._asked = np.full((len(self._regions), 3), np.nan)
         self._goals = np.zeros((len(self._regions), 3))
+
+    def _inner_boxes(self) -> tuple[Array | None, Array | None]:
+        """Corners (N,3), (N,3) of what the margin leaves of the regions, if all are boxes."""
+        boxes = [region.bounds for region in self._regions if isinstance(region, BoxRegion)]
+        if len(boxes) < len(self._regions) or not boxes:
+            return None, None
+        corners = np.array(boxes)
+        return corners[:, 0] + self._margin, corners[:, 1] - self._margin
 
     def start(self, p_world: Array, gaze: Array | None = None) -> ReferenceState:
         """Start at rest at ``p_world`` (N,3), looking along ``gaze`` (N,2; default straight down)."""
@@ -173,9 +182,12 @@ class ReferenceGenerator:
         """Nearest admissible points to the setpoints; around reflex corners the next corner on the way."""
         if not same(self._asked, setpoints):
             self._asked = setpoints.copy()
-            for i, region in enumerate(self._regions):
-                near = setpoints[i] if region is None else region.project(setpoints[i], self._margin)
-                self._goals[i] = near
+            if self._low is not None:
+                self._goals = np.minimum(np.maximum(setpoints, self._low), self._high)
+            else:
+                for i, region in enumerate(self._regions):
+                    near = setpoints[i] if region is None else region.project(setpoints[i], self._margin)
+                    self._goals[i] = near
             for i, detour in self._detours.items():
                 self._goals[i] = detour.goal(self._goals[i])
         if not self._paths:

@@ -13,10 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from camnet.geometry.rotations_compiled import to_matrix
+from camnet.geometry.triples import borrowing, matrix, quaternion
 from camnet.types import Array, BoolArray
 
 __all__ = ["NEIGHBOUR_FIELDS", "OWN_FIELDS", "TARGET_FIELDS", "write_observations"]
@@ -25,20 +24,21 @@ __all__ = ["NEIGHBOUR_FIELDS", "OWN_FIELDS", "TARGET_FIELDS", "write_observation
 OWN_FIELDS, TARGET_FIELDS, NEIGHBOUR_FIELDS = 14, 24, 4
 
 
-@njit(cache=True)
-def _own(flat: Array, p: Array, q: Array, v: Array, agent: Array, scales: Array) -> None:
-    axis = to_matrix(q)[:, 2]
+@borrowing
+def _own(flat: Array, j: int, p: Array, q: Array, v: Array, agent: Array, scales: Array) -> None:
+    r = matrix(quaternion(q, j, 0))
+    axis = (r[0][2], r[1][2], r[2][2])
     down = max(-axis[2], 0.0)
     for i in range(3):
-        flat[i] = (p[i] - agent[i]) / agent[3 + i]
-        flat[3 + i] = v[i] / scales[0]
+        flat[i] = (p[j, i] - agent[i]) / agent[3 + i]
+        flat[3 + i] = v[j, i] / scales[0]
         flat[8 + i] = agent[6 + i]
         flat[11 + i] = agent[9 + i]
     flat[6] = math.atan2(axis[0], down) / scales[1]
     flat[7] = math.atan2(axis[1], down) / scales[1]
 
 
-@njit(cache=True)
+@borrowing
 def _target(
     flat: Array, estimate: Array, entry: Array, agent: Array, scales: Array, inside: bool, seen_by_me: bool
 ) -> None:
@@ -66,17 +66,20 @@ def _target(
         flat[23] = 1.0 - entry[8] / agent[12]
 
 
-@njit(cache=True)
-def _near(flat: Array, j: int, p: Array, agents: Array, neighbours: int, range_m: float) -> None:
-    """Nearest agents in range, nearest first, of equally near ones the first."""
-    n = agents.shape[0]
-    distance = np.empty(n)
-    for i in range(n):
+@borrowing
+def _near(
+    flat: Array, j: int, p: Array, agents: Array, neighbours: int, range_m: float, distance: Array
+) -> None:
+    """Nearest agents in range, nearest first, of equally near ones the first; ``distance`` (N,) is overwritten."""
+    for i in range(agents.shape[0]):
         x, y, z = p[i, 0] - p[j, 0], p[i, 1] - p[j, 1], p[i, 2] - p[j, 2]
         distance[i] = math.sqrt(x * x + y * y + z * z)
     distance[j] = math.inf
     for k in range(neighbours):
-        other = int(np.argmin(distance))
+        other = 0
+        for i in range(1, agents.shape[0]):
+            if distance[i] < distance[other]:
+                other = i
         if distance[other] > range_m:
             return
         flat[4 * k] = 1.0
@@ -85,7 +88,41 @@ def _near(flat: Array, j: int, p: Array, agents: Array, neighbours: int, range_m
         distance[other] = math.inf
 
 
-@njit(cache=True)
+@borrowing
+def _write(
+    p: Array,
+    q: Array,
+    v: Array,
+    agents: Array,
+    estimates: Array,
+    entries: Array,
+    inside: BoolArray,
+    visible: BoolArray,
+    scales: Array,
+    neighbours: int,
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+    flat: Array,
+    distance: Array,
+    out: NDArray[np.float32],
+) -> None:
+    n, m = agents.shape[0], estimates.shape[0]
+    for j in range(n):
+        for k in range(flat.shape[0]):
+            flat[k] = 0.0
+        _own(flat, j, p, q, v, agents[j], scales)
+        for t in range(m):
+            part = flat[OWN_FIELDS + TARGET_FIELDS * t : OWN_FIELDS + TARGET_FIELDS * (t + 1)]
+            _target(part, estimates[t], entries[t, j], agents[j], scales, inside[t, j], visible[j, t])
+            if estimates[t, 12] > 0.0:
+                for c in range(visible.shape[0]):
+                    if visible[c, t]:
+                        part[12] = 1.0
+        _near(flat[OWN_FIELDS + TARGET_FIELDS * m :], j, p, agents, neighbours, scales[3], distance)
+        for k in range(low.shape[0]):
+            out[j, k] = min(max(flat[k], low[k]), high[k])
+
+
 def write_observations(
     p: Array,
     q: Array,
@@ -104,18 +141,7 @@ def write_observations(
 
     ``inside`` (M,C): whether the estimate lies in the region; ``visible`` (C,M); ``low``, ``high`` (D,) are the bounds.
     """
-    n, m = agents.shape[0], estimates.shape[0]
-    out = np.empty((n, low.shape[0]), dtype=np.float32)
-    flat = np.empty(low.shape[0])
-    for j in range(n):
-        flat[:] = 0.0
-        _own(flat, p[j], q[j], v[j], agents[j], scales)
-        for t in range(m):
-            part = flat[OWN_FIELDS + TARGET_FIELDS * t : OWN_FIELDS + TARGET_FIELDS * (t + 1)]
-            _target(part, estimates[t], entries[t, j], agents[j], scales, inside[t, j], visible[j, t])
-            if estimates[t, 12] > 0.0 and np.any(visible[:, t]):
-                part[12] = 1.0
-        _near(flat[OWN_FIELDS + TARGET_FIELDS * m :], j, p[:n], agents, neighbours, scales[3])
-        for k in range(low.shape[0]):
-            out[j, k] = min(max(flat[k], low[k]), high[k])
+    out = np.empty((len(agents), len(low)), dtype=np.float32)
+    places = (p, q, v, agents, estimates, entries, inside, visible, scales, neighbours, low, high)
+    _write(*places, np.empty(len(low)), np.empty(len(agents)), out)
     return out

@@ -15,14 +15,15 @@ from numba import njit
 
 from camnet.types import Array
 
-__all__ = ["erosion_corners", "nearest_in_erosion", "signed_distance"]
+__all__ = ["erosion_corners", "nearest_in_erosion", "point_distance", "signed_distance"]
 
 #: how far (m) a point of the eroded border may be outside by rounding
 _TOLERANCE = 1e-9
 
 
 @njit(cache=True)
-def _signed_distance(x: float, y: float, vertices: Array) -> float:
+def point_distance(x: float, y: float, vertices: Array) -> float:
+    """Distance of one point to the border of the polygon (n, 2), negative inside."""
     n = vertices.shape[0]
     best = math.inf
     inside = False
@@ -46,7 +47,7 @@ def signed_distance(points: Array, vertices: Array) -> Array:
     """Distance (K,) of points (K, 2 or more; x and y count) to the border of the polygon (n, 2), negative inside."""
     out = np.empty(points.shape[0])
     for k in range(points.shape[0]):
-        out[k] = _signed_distance(points[k, 0], points[k, 1], vertices)
+        out[k] = point_distance(points[k, 0], points[k, 1], vertices)
     return out
 
 
@@ -112,7 +113,7 @@ def nearest_in_erosion(point: Array, vertices: Array, margin: float, corners: Ar
     x, y = point[0], point[1]
     out = np.empty(2)
     out[0], out[1] = x, y
-    if _signed_distance(x, y, vertices) <= -margin:
+    if point_distance(x, y, vertices) <= -margin:
         return out
     best = math.inf
     for k in range(corners.shape[0]):
@@ -131,7 +132,7 @@ def nearest_in_erosion(point: Array, vertices: Array, margin: float, corners: Ar
         t = min(1.0, max(0.0, ((x - sx) * ex + (y - sy) * ey) / (length * length)))
         cx, cy = sx + t * ex, sy + t * ey
         d2 = (cx - x) ** 2 + (cy - y) ** 2
-        if d2 < best and _signed_distance(cx, cy, vertices) <= _TOLERANCE - margin:
+        if d2 < best and point_distance(cx, cy, vertices) <= _TOLERANCE - margin:
             best = d2
             out[0], out[1] = cx, cy
         # on the arc about the vertex
@@ -139,7 +140,7 @@ def nearest_in_erosion(point: Array, vertices: Array, margin: float, corners: Ar
         if radial > 0.0:
             cx, cy = ax + margin * (x - ax) / radial, ay + margin * (y - ay) / radial
             d2 = (cx - x) ** 2 + (cy - y) ** 2
-            if d2 < best and _signed_distance(cx, cy, vertices) <= _TOLERANCE - margin:
+            if d2 < best and point_distance(cx, cy, vertices) <= _TOLERANCE - margin:
                 best = d2
                 out[0], out[1] = cx, cy
     return out

@@ -14,9 +14,8 @@ import math
 from collections import deque
 
 import numpy as np
-from numba import njit
 
-from camnet.geometry.rotations_compiled import conjugate, exp, multiply, rotate
+from camnet.geometry.triples import borrowing, conjugate, exp, multiply, quaternion, rotate
 from camnet.sensing.settings import SensingSettings
 from camnet.types import Array, BoolArray, CameraMotion, IntArray, PoseMeasurement, Snapshot
 
@@ -27,15 +26,7 @@ _EARLY = 1e-6
 _EARLY_S = 1e-9
 
 
-@njit(cache=True)
-def _relative_pose(p_c: Array, q_c: Array, p_m: Array, q_m: Array, noise: Array, out: Array) -> None:
-    """Write the measured p_cam, q_cam to ``out`` (7,)."""
-    inverse = conjugate(q_c)
-    out[:3] = rotate(inverse, p_m - p_c) + noise[:3]
-    out[3:] = multiply(exp(noise[3:]), multiply(inverse, q_m))
-
-
-@njit(cache=True)
+@borrowing
 def _measure(
     visible: BoolArray,
     kept: Array,
@@ -57,9 +48,20 @@ def _measure(
     for c in range(visible.shape[0]):
         for m in range(visible.shape[1]):
             if visible[c, m] and kept[c, m] >= least:
-                pose = (camera_p[c], camera_q[c], target_p[m], target_q[m])
-                _relative_pose(*pose, normal[c, m] * scale, out[count])
                 pairs[count, 0], pairs[count, 1] = c, m
+                inverse, n = conjugate(quaternion(camera_q, c, 0)), normal[c, m]
+                way = (
+                    target_p[m, 0] - camera_p[c, 0],
+                    target_p[m, 1] - camera_p[c, 1],
+                    target_p[m, 2] - camera_p[c, 2],
+                )
+                p_cam = rotate(inverse, way)
+                turn = exp((n[3] * scale[3], n[4] * scale[4], n[5] * scale[5]))
+                q_cam = multiply(turn, multiply(inverse, quaternion(target_q, m, 0)))
+                for i in range(3):
+                    out[count, i] = p_cam[i] + n[i] * scale[i]
+                for i in range(4):
+                    out[count, 3 + i] = q_cam[i]
                 count += 1
     return count
 

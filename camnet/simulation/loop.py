@@ -246,7 +246,7 @@ class NetworkSimulation:
     def _survey(self, snapshot: Snapshot) -> None:
         """Find out on the truth who is where, and who sees whom."""
         agent_p, target_p = snapshot.agent_p_world, snapshot.target_p_world
-        self.visible, self.target_region, outside, self.spacing_m = survey(
+        self.visible, outside, who, self.spacing_m = survey(
             agent_p,
             snapshot.camera_p_world,
             snapshot.camera_q_world,
@@ -257,10 +257,11 @@ class NetworkSimulation:
             self.working,
             *self._visibility.packed,
         )
-        self._outside = snapshot, outside
+        self._outside, self.target_region = (snapshot, outside), who[0]
+        self._seen_by: list[int] = who[1].tolist()
         if self._rays_clear is not None:
             self._visibility.clear(snapshot, self.visible, self._rays_clear)
-        self._seen_by = first_seers(self.visible).tolist()
+            self._seen_by = first_seers(self.visible)
 
     def _estimate(self, m: int, best: PoseMeasurement | None) -> None:
         """Advance all estimators of target ``m`` to now, with the measurement ``best`` if there is one."""

@@ -102,7 +102,7 @@ class RunStatistics:
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
         outside = simulation.agents_outside()
-        if outside.any():
+        if True in outside.tolist():
             self.region_exits += int(np.count_nonzero(outside & ~self._outside))
         self._outside = outside
         self.least_distance_m = min(self.least_distance_m, simulation.spacing_m)

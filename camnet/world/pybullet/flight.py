@@ -82,6 +82,7 @@ class Flight:
         lift = self._model.mass_kg * self._model.gravity_mps2 / 4.0
         self.memory[:, :4] = np.sqrt(lift / self._model.thrust_coefficient)
         self._command, self._wrench = np.zeros((n, 13)), np.zeros((n, 6))
+        self._asked = np.zeros((4, n, 3))
         self._command[:, 9] = yaw
         self._gust, self._no_feedforward = np.zeros((n, 3)), np.zeros((n, 3))
         wind = self._physics.wind
@@ -173,6 +174,7 @@ class Flight:
                 self._command,
                 self._constants,
                 self._wrench,
+                self._asked,
                 motion,
                 balls,
                 targets,
