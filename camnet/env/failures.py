@@ -37,13 +37,10 @@ class Failures:
             )
         self._at_s = np.array([settings.schedule_s.get(name, math.inf) for name in names])
         self._probability = -math.expm1(-settings.rate_per_s * dt_s)
+        #: whether anybody can fail at all
+        self.possible = self._probability > 0.0 or bool(np.isfinite(self._at_s).any())
         self._alive: BoolArray = np.ones(len(names), dtype=bool)
         self._rng = np.random.default_rng(0)
-
-    @property
-    def possible(self) -> bool:
-        """Whether anybody can fail at all."""
-        return self._probability > 0.0 or bool(np.isfinite(self._at_s).any())
 
     def reset(self, rng: np.random.Generator) -> None:
         """Repair everybody; ``rng`` draws the failures of the next episode."""

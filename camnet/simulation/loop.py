@@ -238,8 +238,9 @@ class NetworkSimulation:
         self._survey(snapshot)
         self._past.append(snapshot)
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
+        one = len(self.trackers) == 1
         for m, tracker in enumerate(self.trackers):
-            self._estimate(m, _nearest([z for z in measurements if z.target == m]))
+            self._estimate(m, _nearest(measurements if one else [z for z in measurements if z.target == m]))
             tracker.update(snapshot.t_s, int(self.target_region[m]), self.seen_by(m))
         self.statistics.after_sense(self)
 
@@ -309,7 +310,9 @@ class NetworkSimulation:
 
 def _nearest(measurements: list[PoseMeasurement]) -> PoseMeasurement | None:
     """Of several cameras that measured one target, the nearest one."""
-    return min(measurements, key=lambda z: float(z.p_cam @ z.p_cam), default=None)
+    if len(measurements) < 2:
+        return measurements[0] if measurements else None
+    return min(measurements, key=lambda z: float(z.p_cam @ z.p_cam))
 
 
 def _frames_late(sensing: SensingSettings) -> int:

@@ -160,50 +160,40 @@ class Flight:
             self._read()
         return touched
 
-    def begin(self, autopilot: Autopilot, motion: Array, radius: float, balls: Array, targets: Array) -> int:
-        """Take the autopilot's command for the next control period; result and ``radius``, ``balls`` as in `hold`.
+    def board(
+        self,
+        autopilot: Autopilot,
+        n_cameras: int,
+        radius: float,
+        balls: Array,
+        offset_body: Array,
+        fixed: Array,
+        start_p: Array,
+    ) -> Array:
+        """Take an autopilot on board; returns the motion (N+C,13) that `begin` reads and `end` writes.
 
-        ``motion`` is what `observe` or `end` last gave, ``targets`` (M,13) where the centres of ``balls`` are.
+        ``radius``, ``balls``: see `hold`; the others: see `observe`. The arrays are kept and read at every call.
         """
-        return int(
-            begin_flight(
-                autopilot.monitor.place,
-                *autopilot.packed,
-                self.bodies,
-                self.memory,
-                self._command,
-                self._constants,
-                self._wrench,
-                self._asked,
-                motion,
-                balls,
-                targets,
-                self._wind(self._physics.wind, self._control_dt_s),
-                radius,
-                _REACH_M,
-            )
-        )
+        self._monitor, limits = autopilot.monitor, self._physics
+        motion = np.empty((len(self._numbers) + n_cameras, 13))
+        body = (self.bodies, self.memory, self._command, self._constants)
+        self._begin = (*autopilot.packed, *body, self._wrench, self._asked, motion, balls)
+        self._reach = (radius, _REACH_M)
+        arrays = (self.bodies, self._before, *body[1:], motion, offset_body, fixed, start_p)
+        self._end = (self._monitor.buffers[0], *arrays, limits.range_limit_m, limits.speed_limit_mps)
+        return motion
 
-    def end(
-        self, autopilot: Autopilot, motion: Array, offset_body: Array, fixed: Array, start_p: Array
-    ) -> tuple[int, float]:
-        """End a control period of the autopilot: as `observe`, into ``motion``; and the sum of squared speeds."""
-        limits = self._physics
-        unsound, square = continue_flight(
-            autopilot.monitor.place,
-            autopilot.monitor.buffers[0],
-            self.bodies,
-            self._before,
-            self.memory,
-            self._command,
-            self._constants,
-            motion,
-            offset_body,
-            fixed,
-            start_p,
-            limits.range_limit_m,
-            limits.speed_limit_mps,
-        )
+    def begin(self, targets: Array) -> int:
+        """Take the autopilot's command for the next control period; result as in `hold`.
+
+        ``targets`` (M,13): where the centres of the balls are.
+        """
+        wind = self._wind(self._physics.wind, self._control_dt_s)
+        return int(begin_flight(self._monitor.place, *self._begin, targets, wind, *self._reach))
+
+    def end(self) -> tuple[int, float]:
+        """End a control period of the autopilot: first unsound body (-1: none), and the sum of squared speeds."""
+        unsound, square = continue_flight(self._monitor.place, *self._end)
         return unsound, square
 
     def observe(self, offset_body: Array, fixed: Array, start_p: Array) -> tuple[int, Array]:

@@ -82,6 +82,7 @@ class PyBulletWorld:
         self._engine.restart()
         self._scene, self._drawn = build_scene(self._engine, self.description), False
         self._complete = False
+        self._autopilot: Autopilot | None = None
         air_rng, *target_rngs = rng.spawn(1 + len(self.target_names))
         states = self._targets.reset(target_rngs)
         self._step, self._t_s = 0, 0.0
@@ -112,25 +113,34 @@ class PyBulletWorld:
 
     def fly(self, autopilot: Autopilot, periods: int) -> Flown:
         """Advance by several control periods of an autopilot; see the protocol."""
-        flight, targets = self._flight, self._targets
-        motion, square = self._motion.copy(), 0.0
+        flight, targets, motion, square = self._flight, self._targets, self._board(autopilot), 0.0
         contacts: list[tuple[float, tuple[tuple[str, str], ...]]] = []
         for _ in range(periods):
-            found = flight.begin(autopilot, motion, self._agent_radius, self._balls, targets.now)
+            found = flight.begin(targets.now)
             if found == INVALID:
                 raise SimulationError(f"step {self._step}: a command is not finite: motion {motion}")
             watch = found != 0 or self._can_always_touch
             self._move_targets(watch)
             touched, before_s = flight.step(watch), self._t_s
             self._count_steps()
-            unsound, squares = flight.end(autopilot, motion, self._offset, self._fixed, self._start_p)
+            unsound, squares = flight.end()
             if unsound >= 0:
                 self._diverged(unsound, flight.bodies)
             square += squares
             autopilot.monitor.ended(self._t_s - before_s)
             contacts.append((self._t_s, tuple(sorted(touched)) if touched else ()))
-        snapshot = self._observe(contacts[-1][1] if contacts else (), motion)
-        return Flown(snapshot, square, tuple(contacts) if any(pairs for _, pairs in contacts) else ())
+        touching = any(pairs for _, pairs in contacts)
+        snapshot = self._observe(contacts[-1][1], motion.copy())
+        return Flown(snapshot, square, tuple(contacts) if touching else ())
+
+    def _board(self, autopilot: Autopilot) -> Array:
+        """Return the motion that the autopilot reads, as it is now."""
+        if autopilot is not self._autopilot:
+            self._autopilot = autopilot
+            own = (self._agent_radius, self._balls, self._offset, self._fixed, self._start_p)
+            self._steered = self._flight.board(autopilot, len(self.camera_names), *own)
+        self._steered[...] = self._motion
+        return self._steered
 
     def _count_steps(self) -> None:
         self._step += self._substeps
