@@ -35,9 +35,9 @@ from camnet.env.encode import BeliefEncoder
 from camnet.env.failures import Failures
 from camnet.env.messages import Messages, messages_are_perfect
 from camnet.env.observe import Observer
-from camnet.env.presets import PRESETS
+from camnet.env.presets import preset_options
 from camnet.env.rewards import SharedReward
-from camnet.env.settings import EnvSettings
+from camnet.env.settings import EnvSettings, merged_settings
 from camnet.env.state import StateEncoder
 from camnet.errors import ConfigError
 from camnet.report.frame import MapPainter
@@ -84,15 +84,13 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
     ) -> None:
         if render_mode not in (None, "rgb_array", "human"):
             raise ConfigError(f"render_mode = {render_mode!r}: give None, 'rgb_array' or 'human'")
-        if isinstance(world, str) and world in PRESETS:
-            options = {**PRESETS[world], **options}
-            world = str(options.pop("world"))
+        world, options = preset_options(world, options)
         scenario = world if isinstance(world, Scenario) else load_scenario(world, overrides)
         if not isinstance(scenario, Scenario) or not scenario.agents:
             raise ConfigError(
                 f"world = {world!r}: the handoff environment needs a network with at least one agent"
             )
-        self.settings = _env_settings(settings, options)
+        self.settings = merged_settings(settings, options)
         self.max_cycles = self.settings.max_cycles
         self.render_mode = render_mode
         self.possible_agents = [agent.name for agent in scenario.agents]
@@ -299,21 +297,6 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
     def close(self) -> None:
         """Free the physics engine."""
         self.simulation.world.close()
-
-
-def _env_settings(settings: EnvSettings | None, options: dict[str, Any]) -> EnvSettings:
-    if "max_steps" in options:  # the same thing under its plainer name
-        options = {**options, "max_cycles": options["max_steps"]}
-        del options["max_steps"]
-    unknown = sorted(set(options) - set(EnvSettings.model_fields))
-    if unknown:
-        known = ", ".join(EnvSettings.model_fields)
-        raise ConfigError(f"unknown option {unknown[0]!r} of the handoff environment; known are {known}")
-    base = EnvSettings() if settings is None else settings
-    try:
-        return EnvSettings.model_validate({**base.model_dump(), **options})
-    except ValueError as error:
-        raise ConfigError(f"options of the handoff environment: {error}") from error
 
 
 def _checked_seed(seed: int) -> int:
