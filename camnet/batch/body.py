@@ -38,10 +38,12 @@ from camnet.batch.triples import (
 )
 from camnet.types import Array
 
-__all__ = ["camera_of", "fly"]
+__all__ = ["Constants", "camera_of", "fly"]
 
 _Matrix = tuple[Triple, Triple, Triple]
 _FourRotors = tuple[float, float, float, float]
+#: of the model: an array, or the same numbers as a tuple
+Constants = Array | tuple[float, ...]
 
 
 @inlined
@@ -75,7 +77,7 @@ def _into(r: _Matrix, v: Triple) -> Triple:
 
 
 @inlined
-def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Array) -> tuple[Triple, Triple]:
+def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Constants) -> tuple[Triple, Triple]:
     """Commanded acceleration before gravity and drag, and the velocity integral after the step."""
     kv, ki, a_max = c[16], c[17], c[15]
     ex, ey, ez = u[0] - v[0], u[1] - v[1], u[2] - v[2]
@@ -89,7 +91,7 @@ def _specific_force(u: Triple, a: Triple, v: Triple, integral: Triple, c: Array)
 
 
 @inlined
-def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Array) -> Triple:
+def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Constants) -> Triple:
     """Angular velocity of the desired thrust direction, filtered and bounded."""
     decay, fastest, per_s = c[24], c[25], 1.0 / c[0]
     tx, ty, tz = (
@@ -106,7 +108,7 @@ def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Array) -> Triple:
 
 @inlined
 def _torque(
-    r: _Matrix, axis: Triple, heading: tuple[float, float], w: Triple, rate: Triple, c: Array
+    r: _Matrix, axis: Triple, heading: tuple[float, float], w: Triple, rate: Triple, c: Constants
 ) -> Triple:
     """Body torque towards the attitude with z along ``axis`` and x towards the heading (cosine, sine)."""
     hx, hy = heading
@@ -130,7 +132,7 @@ def _torque(
 
 
 @inlined
-def allocate(thrust: float, tau: Triple, c: Array) -> _FourRotors:
+def allocate(thrust: float, tau: Triple, c: Constants) -> _FourRotors:
     """Speeds of the rotors that make thrust and torque, within what they can; rad/s."""
     arm, k, kq = c[5], c[6], c[7]
     t, x, y, z = thrust / k, tau[0] / (arm * k), tau[1] / (arm * k), tau[2] / kq
@@ -158,7 +160,7 @@ def aim_thrust(
     integral: Triple,
     axis: Triple,
     axis_rate: Triple,
-    c: Array,
+    c: Constants,
 ) -> tuple[_FourRotors, Triple, Triple, Triple, Triple]:
     """Speeds asked of the rotors, the body's own angular velocity, and what is remembered: integral, axis, its rate."""
     mass, gravity = c[1], c[13]
@@ -184,14 +186,14 @@ def _slowed(u: Triple, v_max: float) -> Triple:
 
 
 @inlined
-def lag_rotor(goal: float, speed: float, c: Array) -> float:
+def lag_rotor(goal: float, speed: float, c: Constants) -> float:
     """Speed of a rotor after a physics step in which ``goal`` is asked for."""
     driven = min(max(speed + c[23] * (goal - speed), 0.0), c[8])
     return driven + (speed - driven) * c[9]
 
 
 @inlined
-def push(q: Quaternion, v: Triple, wind: Triple, squares: _FourRotors, c: Array) -> tuple[Triple, Triple]:
+def push(q: Quaternion, v: Triple, wind: Triple, squares: _FourRotors, c: Constants) -> tuple[Triple, Triple]:
     """Gain of velocity in a physics step, and torque in the world; ``squares`` of speeds are summed over a period."""
     mass, gravity, share = c[1], c[13], 1.0 / c[26]
     dt, lever, kq = c[0] * share, c[5] * c[6] * share, c[7] * share
@@ -211,7 +213,7 @@ def push(q: Quaternion, v: Triple, wind: Triple, squares: _FourRotors, c: Array)
 
 @inlined
 def rigid_step(
-    p: Triple, q: Quaternion, v: Triple, w: Triple, gain: Triple, torque: Triple, dt: float, c: Array
+    p: Triple, q: Quaternion, v: Triple, w: Triple, gain: Triple, torque: Triple, dt: float, c: Constants
 ) -> tuple[Triple, Triple, Triple]:
     """Position and velocities after a physics step: ``gain`` is what velocity gains, ``torque`` is in the world."""
     r = _matrix(q[1], q[2], q[3], q[0])
@@ -237,7 +239,7 @@ def spun(by: Quaternion, q: Quaternion) -> Quaternion:
 
 
 @inlined
-def joint(angle: float, rate: float, goal: float, c: Array) -> tuple[float, float]:
+def joint(angle: float, rate: float, goal: float, c: Constants) -> tuple[float, float]:
     """One gimbal joint after a physics step: angle and rate."""
     fastest = c[20]
     goal = min(max(goal, -fastest), fastest)
@@ -276,7 +278,7 @@ def between(a: Triple, b: Triple, share: float) -> Triple:
 
 @outer
 def _turn_gimbal(
-    joints: Triple, rates: Triple, u: Triple, w0: Triple, w1: Triple, c: Array
+    joints: Triple, rates: Triple, u: Triple, w0: Triple, w1: Triple, c: Constants
 ) -> tuple[Triple, Triple]:
     """Joints and rates after a period in which the body's angular velocity went from ``w0`` to ``w1``."""
     substeps = int(c[26])
@@ -296,7 +298,7 @@ def _turn_gimbal(
 
 
 @outer
-def _lag_rotors(goals: _FourRotors, rotors: _FourRotors, c: Array) -> tuple[_FourRotors, _FourRotors]:
+def _lag_rotors(goals: _FourRotors, rotors: _FourRotors, c: Constants) -> tuple[_FourRotors, _FourRotors]:
     """Speeds of the rotors after a period, and the sums of their squares on the way."""
     a, b, d, e = rotors
     aa, bb, dd, ee = 0.0, 0.0, 0.0, 0.0
@@ -318,7 +320,7 @@ def fly(
     w_cam: Triple,
     heading: tuple[float, float],
     wind: Triple,
-    c: Array,
+    c: Constants,
     periods: int,
 ) -> None:
     """Advance agent ``n`` of environment ``e`` by ``periods`` periods of the inner loop under one command.

@@ -12,21 +12,32 @@ import hashlib
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from numba.core import cgutils, types
-from numba.core.datamodel import models
-from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.extending import intrinsic, register_model
+from numba.core import cgutils as _cgutils
+from numba.core import types as _types
+from numba.core.datamodel import models as _models
+from numba.core.imputils import impl_ret_borrowed as _impl_ret_borrowed
+from numba.core.imputils import lower_getattr_generic as _lower_getattr_generic
+from numba.core.typing import templates as _templates
+from numba.extending import intrinsic as _intrinsic
+from numba.extending import register_model
 
 __all__ = ["lend"]
 
 _T = TypeVar("_T")
+#: the inside of Numba has types in part only
+cgutils: Any = _cgutils
+types: Any = _types
+models: Any = _models
+templates: Any = _templates
+impl_ret_borrowed: Any = _impl_ret_borrowed
+intrinsic: Any = _intrinsic
+lower_getattr_generic: Any = _lower_getattr_generic
 
 
-class Lent(types.Type):  # type: ignore[misc] # the base has no types
+class Lent(_types.Type):
     """Address of a named tuple of the type ``of``."""
 
-    def __init__(self, of: types.BaseNamedTuple) -> None:
+    def __init__(self, of: Any) -> None:  # noqa: ANN401 - a type of named tuples
         self.of = of
         # the full name of such a tuple is long, and part of the name of every function that takes it
         digest = hashlib.sha256(f"{of.instance_class.__module__} {of}".encode()).hexdigest()[:16]
@@ -39,20 +50,20 @@ class Lent(types.Type):  # type: ignore[misc] # the base has no types
 
 
 @register_model(Lent)
-class _LentModel(models.PrimitiveModel):  # type: ignore[misc] # the base has no types
+class _LentModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, dmm: Any, fe_type: Lent) -> None:  # noqa: ANN401
         super().__init__(dmm, fe_type, dmm.lookup(fe_type.of).get_value_type().as_pointer())
 
 
-def _shown(field: types.Type) -> types.Type:
+def _shown(field: Any) -> Any:  # noqa: ANN401
     return Lent(field) if isinstance(field, types.BaseNamedTuple) else field
 
 
-@infer_getattr
-class _LentAttributes(AttributeTemplate):  # type: ignore[misc] # the base has no types
+@templates.infer_getattr
+class _LentAttributes(templates.AttributeTemplate):  # type: ignore[misc]
     key = Lent
 
-    def generic_resolve(self, lent: Lent, attr: str) -> types.Type | None:
+    def generic_resolve(self, lent: Lent, attr: str) -> Any:  # noqa: ANN401
         """Type of a field."""
         if attr not in lent.of.fields:
             return None

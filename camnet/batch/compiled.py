@@ -14,19 +14,24 @@ whatever takes a whole network borrows.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from numba import njit
 
 __all__ = ["inlined", "inner", "inner_owner", "outer", "owner"]
 
+_F = TypeVar("_F", bound=Callable[..., Any])
 #: a division by zero gives what IEEE 754 says, without a test at every division
 _COMMON: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 #: for parts that only compiled code calls: without a way in from Python, which for arguments as wide as a whole
 #: network costs half of the compilation
-_ALONE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-inlined = njit(**_COMMON, _nrt=False, forceinline=True)
-outer = njit(**_COMMON, _nrt=False)
-inner = njit(**_COMMON, **_ALONE, _nrt=False)
-owner = njit(**_COMMON, _nrt=True)
-inner_owner = njit(**_COMMON, **_ALONE, _nrt=True)
+_ALONE: dict[str, Any] = {**_COMMON, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+#: options that Numba knows and its type stubs do not
+_njit: Any = njit
+
+inlined: Callable[[_F], _F] = _njit(**_COMMON, _nrt=False, forceinline=True)
+outer: Callable[[_F], _F] = _njit(**_COMMON, _nrt=False)
+inner: Callable[[_F], _F] = _njit(**_ALONE, _nrt=False)
+owner: Callable[[_F], _F] = _njit(**_COMMON, _nrt=True)
+inner_owner: Callable[[_F], _F] = _njit(**_ALONE, _nrt=True)

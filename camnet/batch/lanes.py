@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.body import (
+    Constants,
     aim_thrust,
     between,
     camera_at,
@@ -67,7 +68,6 @@ __all__ = ["fly_lanes"]
 
 #: physics steps of the rotors that are done together
 _STEPS = 4
-Constants = tuple[float, ...]
 
 
 @inlined

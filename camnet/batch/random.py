@@ -19,9 +19,9 @@ import math
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic as _intrinsic
 from numpy.typing import NDArray
 
 from camnet.batch.compiled import inlined, outer
@@ -81,6 +81,9 @@ def stream_of(rng: np.random.Generator) -> Streams:
     low = (1 << 64) - 1
     s, c = state["state"]["state"], state["state"]["inc"]
     return np.array([s >> 64, s & low, c >> 64, c & low], dtype=np.uint64)
+
+
+intrinsic: Any = _intrinsic
 
 
 @intrinsic

@@ -96,7 +96,9 @@ def _within_speed(v: Triple, a: Triple, v_max: float, dt: float) -> Triple:
 
 
 @inlined
-def wanted(p: Triple, v: Triple, a: Triple, goal: Triple, limits: Array, dt: float) -> Triple:
+def wanted(
+    p: Triple, v: Triple, a: Triple, goal: Triple, limits: Array | tuple[float, ...], dt: float
+) -> Triple:
     """Acceleration towards the goal within the bounds of acceleration, jerk and speed."""
     lacking = _plus(_wanted_velocity(p, goal, limits[0], limits[1], limits[2]), -1.0, v)
     push = _at_most(_times(min(limits[3], 1.0 / dt), lacking), limits[1])

@@ -1,13 +1,15 @@
 """Speed of the handoff environment on both back ends, beside bare PyBullet and beside other environments.
 
-All cases run by turns in one process. CPU time is counted, so that other work on the machine disturbs the ratios
-little; for the batch back end, which works on several threads, also wall-clock time. One environment-step is one
-decision of all agents, 0.1 s of simulated time in ``quickstart``. Peers are measured where they are installed.
+All cases run by turns in one process. CPU time is counted as well as wall-clock time, so that other work on the machine
+disturbs little. What is compiled is compiled before, and its time given apart. One environment-step is one decision of
+all agents, 0.1 s of simulated time in ``quickstart``; the time of the policy is not in it. Peers are measured where
+they are installed.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import os
 import statistics
 import time
 from collections.abc import Callable
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.agents import make_policies
+from camnet.batch.frozen_model import FrozenModel, warm_up
 from camnet.env.batch_handoff import BatchHandoff
 from camnet.env.handoff_v0 import HandoffEnv
 from camnet.world.pybullet.raw import raw_seconds
@@ -25,9 +28,10 @@ __all__ = ["follow", "run"]
 
 _WORLD = "quickstart"
 _ROUNDS, _PYBULLET_STEPS = 3, 50
-#: environments and steps of each case of the batch back end: warm-up (estimators learn, targets are found), measured
-_BATCH = {"learning": ("learned", 128, 150, 20), "frozen": ("frozen", 512, 50, 20)}
-_SIZES = (64, 256, 1024)
+#: cases of the batch back end: estimator, environments, steps of warm-up (estimators learn) and measured
+_BATCH = {"frozen": ("frozen", 1024, 50, 20), "learning": ("learned", 128, 150, 20)}
+#: sizes for the growth of the cost, and environment-steps measured at each
+_SIZES, _SCALED_STEPS = (64, 256, 1024, 4096), 20_000
 
 
 def follow(env: BatchHandoff, observations: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -51,8 +55,13 @@ def _batch_seconds(env: BatchHandoff, observations: NDArray[np.float32], steps: 
     return cpu, wall
 
 
-def _open_batch(filter_name: str, environments: int, warm_steps: int, seed: int) -> BatchHandoff:
-    env = BatchHandoff(_WORLD, environments, filter_name=filter_name, max_cycles=3000)
+def _open_batch(
+    filter_name: str, environments: int, warm_steps: int, seed: int, threads: int, held: FrozenModel
+) -> BatchHandoff:
+    model = held if filter_name == "frozen" else None
+    env = BatchHandoff(
+        _WORLD, environments, filter_name=filter_name, model=model, threads=threads, max_cycles=3000
+    )
     observations = env.reset(seed=seed)
     for _ in range(warm_steps):
         observations = env.step(follow(env, observations)).observations
@@ -78,23 +87,30 @@ def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[
     -------
     dict
         ``backend``: ``pybullet`` with ``env_steps_per_s`` (of one core) and ``raw_limit_fraction`` (time of bare
-        PyBullet for the same body-steps over the time taken), ``batch`` with ``env_steps_per_s`` (wall clock, the
-        held model), ``batch`` (environments), ``threads``, ``frozen`` and ``learning`` apart, and ``scaling``: CPU time
-        of an environment-step against the number of environments. ``peers``: steps/s of one core.
+        PyBullet for the same body-steps over the time taken); ``batch`` with ``env_steps_per_s`` (wall clock, the
+        held model, all threads), ``batch`` (environments), ``threads``, then ``frozen`` and ``learning`` apart, each
+        on one thread and on all, and ``scaling``: CPU time of an environment-step and memory of an environment
+        against the number of environments. ``peers``: steps/s of one core.
     """
     report = progress if progress is not None else _silent
+    held = warm_up(BatchHandoff(_WORLD, 1, filter_name="ekf").network)
     pybullet = _measure_pybullet(seed)
     report(0.3)
-    batch = {name: _measure_batch(*case, seed) for name, case in _BATCH.items()}
-    report(0.7)
-    scaling = [_scaled(environments, seed) for environments in _SIZES]
+    compiled = {name: _first_call(case[0], seed, held) for name, case in _BATCH.items()}
+    report(0.5)
+    batch = _measure_batches(seed, held)
+    report(0.8)
+    scaling = [_scaled(environments, seed, held) for environments in _SIZES]
     report(0.9)
     peers = {name: rate for name, measure in _PEERS.items() if (rate := measure(seed)) is not None}
     report(1.0)
-    main = {key: batch["frozen"][key] for key in ("env_steps_per_s", "batch", "threads")}
+    main = {key: batch["frozen"]["all_threads"][key] for key in ("env_steps_per_s", "batch", "threads")}
     return {
         "world": _WORLD,
-        "backend": {"pybullet": pybullet, "batch": {**main, **batch, "scaling": scaling}},
+        "backend": {
+            "pybullet": pybullet,
+            "batch": {**main, **batch, "scaling": scaling, "first_call_cpu_s": compiled},
+        },
         "peers": peers,
     }
 
@@ -122,27 +138,63 @@ def _measure_pybullet(seed: int) -> dict[str, float]:
     }
 
 
-def _measure_batch(
-    filter_name: str, environments: int, warm_steps: int, steps: int, seed: int
-) -> dict[str, Any]:
-    env = _open_batch(filter_name, environments, warm_steps, seed)
-    observations = env.simulation.observations.copy()
-    rounds = [_batch_seconds(env, observations, steps) for _ in range(_ROUNDS)]
-    env.close()
-    total = environments * steps
-    return {
-        "env_steps_per_s": total / statistics.median(wall for _, wall in rounds),
-        "env_steps_per_cpu_s": total / statistics.median(cpu for cpu, _ in rounds),
-        "batch": environments,
-        "threads": env.simulation.threads,
+def _first_call(filter_name: str, seed: int, held: FrozenModel) -> float:
+    """CPU time until an environment has made its first step: compiling, or loading what is compiled already; s."""
+    start = time.process_time()
+    _open_batch(filter_name, 1, 1, seed, 1, held).close()
+    return time.process_time() - start
+
+
+def _measure_batches(seed: int, held: FrozenModel) -> dict[str, dict[str, Any]]:
+    """All cases by turns, each on one thread and on as many as there are processors."""
+    processors = len(os.sched_getaffinity(0))
+    cases = {
+        (name, label): (*case, threads)
+        for name, case in _BATCH.items()
+        for label, threads in (("one_thread", 1), ("all_threads", processors))
     }
+    envs = {key: _open_batch(*case[:3], seed, case[4], held) for key, case in cases.items()}
+    rounds: dict[tuple[str, str], list[tuple[float, float]]] = {key: [] for key in cases}
+    for _ in range(_ROUNDS):
+        for key, env in envs.items():
+            rounds[key].append(_batch_seconds(env, env.simulation.observations.copy(), cases[key][3]))
+    result: dict[str, dict[str, Any]] = {name: {} for name in _BATCH}
+    for (name, label), spent in rounds.items():
+        env, total = envs[name, label], cases[name, label][1] * cases[name, label][3]
+        cpu_s = statistics.median(cpu for cpu, _ in spent)
+        result[name][label] = {
+            "env_steps_per_s": total / statistics.median(wall for _, wall in spent),
+            "env_steps_per_cpu_s": total / cpu_s,
+            "cpu_us_per_env_step": 1e6 * cpu_s / total,
+            "batch": env.environments,
+            "threads": env.simulation.threads,
+        }
+        env.close()
+    return result
 
 
-def _scaled(environments: int, seed: int) -> dict[str, float]:
-    env = _open_batch("frozen", environments, 5, seed)
-    cpu, _ = _batch_seconds(env, env.simulation.observations.copy(), 10)
+def _bytes_of(group: Any) -> int:  # noqa: ANN401 - a group of `BatchSimulation`
+    """Bytes of the arrays that have rows of their own for each of a group's environments."""
+    arrays = [a for a in (*group.state, *group.estimators.rows) if isinstance(a, np.ndarray)]
+    return sum(a.nbytes for a in arrays if a.shape[0] % group.count == 0)
+
+
+def _scaled(environments: int, seed: int, held: FrozenModel) -> dict[str, float]:
+    """Cost of the held model with so many environments, on one thread."""
+    env = _open_batch("frozen", environments, 5, seed, 1, held)
+    steps = max(3, _SCALED_STEPS // environments)
+    rounds = [_batch_seconds(env, env.simulation.observations.copy(), steps)[0] for _ in range(_ROUNDS)]
+    own = sum(_bytes_of(group) for group in env.simulation.groups)
+    start = time.process_time()
+    env.reset(seed=seed)
+    again = time.process_time() - start
     env.close()
-    return {"batch": environments, "cpu_us_per_env_step": 1e6 * cpu / (10 * environments)}
+    return {
+        "batch": environments,
+        "cpu_us_per_env_step": 1e6 * statistics.median(rounds) / (steps * environments),
+        "kib_per_env": own / 1024 / environments,
+        "cpu_us_per_reset": 1e6 * again / environments,
+    }
 
 
 def _timed(step: Callable[[], None], steps: int) -> float:
