@@ -99,7 +99,7 @@ def _above(p: Triple, height: float, f: Array) -> Triple:
 @njit(cache=True)
 def _height(radius: float, f: Array) -> float:
     highest = max(f[21] - radius, f[19])
-    return min(max(radius / f[18], f[19], f[20] + radius), highest)
+    return float(min(max(radius / f[18], f[19], f[20] + radius), highest))
 
 
 @njit(cache=True)

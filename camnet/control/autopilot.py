@@ -6,12 +6,14 @@ arrays. The same, one object at a time, is in `camnet.simulation.loop`.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from camnet.control.monitor import DisturbanceMonitor
 from camnet.control.references import ReferenceGenerator, ReferenceState
 from camnet.control.sliding_mode import SlidingModeController
-from camnet.types import Array, IntArray
+from camnet.types import Array
 
 __all__ = ["Autopilot"]
 
@@ -38,7 +40,7 @@ class Autopilot:
         rows = state.rows
         self._goals, self._looks = np.zeros((len(rows), 3)), np.zeros((len(rows), 2))
         #: what `begin_flight` takes between the monitor's period and the world's arrays
-        self.packed: tuple[Array | IntArray | float | int, ...] = (
+        self.packed: tuple[Any, ...] = (
             rows,
             self._goals,
             self._looks,

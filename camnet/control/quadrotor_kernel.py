@@ -143,7 +143,7 @@ def _level(i: int, thrust: float, tau: Triple, c: Array) -> float:
     sx = 1.0 if i == 0 or i == 3 else -1.0
     sy = 1.0 if i < 2 else -1.0
     level = 0.25 * (thrust / k + sy * tau[0] / (arm * k) - sx * tau[1] / (arm * k))
-    return min(max(level, 0.0), most)
+    return float(min(max(level, 0.0), most))
 
 
 @borrowing

@@ -16,6 +16,7 @@ parabola at most ``a_max dt^2 / 8`` from its chord.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -316,7 +317,7 @@ def move_all(
     turn_all(rows, yaw)
 
 
-def step_all(motion: Array, *asked: Array | IntArray | float) -> Array:
+def step_all(motion: Array, *asked: Any) -> Array:  # noqa: ANN401 - arguments of `move_all`
     """Return the references (N,20) one step after ``motion``; what is asked as in `move_all`."""
     out = motion.copy()
     move_all(out, *asked)

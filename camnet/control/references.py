@@ -152,17 +152,17 @@ class ReferenceGenerator:
         self._gaze_limits = np.array(
             [s.reference_w_max_radps, s.reference_w_acceleration_radps2, s.gaze_gain_per_s, s.gaze_max_rad]
         )
-        self._low, self._high = self._inner_boxes()
+        self._inner = self._inner_boxes()
         self._bounds = (*self._planes, self._discs, *self._polygons, self._margin)
         self._dt = dt_s
         self._asked = np.full((len(self._regions), 3), np.nan)
         self._goals = np.zeros((len(self._regions), 3))
 
-    def _inner_boxes(self) -> tuple[Array | None, Array | None]:
+    def _inner_boxes(self) -> tuple[Array, Array] | None:
         """Corners (N,3), (N,3) of what the margin leaves of the regions, if all are boxes."""
         boxes = [region.bounds for region in self._regions if isinstance(region, BoxRegion)]
         if len(boxes) < len(self._regions) or not boxes:
-            return None, None
+            return None
         corners = np.array(boxes)
         return corners[:, 0] + self._margin, corners[:, 1] - self._margin
 
@@ -182,8 +182,9 @@ class ReferenceGenerator:
         """Nearest admissible points to the setpoints; around reflex corners the next corner on the way."""
         if not same(self._asked, setpoints):
             self._asked = setpoints.copy()
-            if self._low is not None:
-                self._goals = np.minimum(np.maximum(setpoints, self._low), self._high)
+            if self._inner is not None:
+                low, high = self._inner
+                self._goals = np.minimum(np.maximum(setpoints, low), high)
             else:
                 for i, region in enumerate(self._regions):
                     near = setpoints[i] if region is None else region.project(setpoints[i], self._margin)

@@ -1,4 +1,4 @@
-"""Speed of the closed loop of ``quickstart``, beside real time and beside bare PyBullet on the same machine.
+"""Speed of the closed loop and the environment of ``quickstart``, beside real time and bare PyBullet in the same run.
 
 Every case and the baseline run by turns in one process, and CPU time is counted, so that other work on the machine
 disturbs the ratios little. ``bare`` is PyBullet with as many bodies and calls and nothing computed.
@@ -11,19 +11,25 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
+from camnet.agents import make_policies
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
+from camnet.env.handoff_v0 import HandoffEnv
 from camnet.errors import WorldError
 from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.run import decide, open_simulation, setpoints_for
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.raw import raw_seconds
 
-__all__ = ["run"]
+__all__ = ["measure_environment", "run"]
 
 #: the shipped estimators side by side, as ``camnet simulate`` runs them; and the driving one alone
 CASES = {"all estimators": ("learned", "printed", "ekf", "ideal"), "learned alone": ("learned",)}
 _CHUNK_S, _ROUNDS = 10.0, 6
+#: turns of the environment and of bare PyBullet, and decisions in each
+_TURNS, _DECISIONS = 12, 50
 
 
 def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
@@ -33,7 +39,7 @@ def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[
     -------
     dict
         ``{"agents", "step_hz", "bare": {"real_time_factor"}, "cases": [{"name", "real_time_factor",
-        "share_of_bare"}]}``; medians over rounds.
+        "share_of_bare"}], "environment"}``; medians over rounds. The last is `measure_environment`.
     """
     scenario = load_scenario("quickstart")
     if not isinstance(scenario, Scenario):
@@ -59,6 +65,43 @@ def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[
         "step_hz": step_hz,
         "bare": {"real_time_factor": _CHUNK_S / statistics.median(times["bare"])},
         "cases": [_case(name, times) for name in (*flights, *loops)],
+        "environment": measure_environment(seed),
+    }
+
+
+def measure_environment(seed: int = 0, turns: int = _TURNS, decisions: int = _DECISIONS) -> dict[str, float]:
+    """Measure the handoff environment with the built-in ``learned`` policies, learning on, beside bare PyBullet.
+
+    Each turn is so many decisions of one and the same running episode, its policies included, and as many body-steps of
+    bare PyBullet; CPU time of one core counts.
+
+    Returns
+    -------
+    dict
+        ``env_steps_per_s`` (decisions of all agents), ``drone_control_steps_per_s`` (control periods of single
+        agents), ``raw_body_steps_per_s`` (bare PyBullet) and ``raw_limit_fraction``: time of bare PyBullet for the same
+        body-steps over the time taken; medians over turns.
+    """
+    env = HandoffEnv("quickstart", max_cycles=(turns + 1) * decisions)
+    policies, (observations, _) = make_policies("learned", env), env.reset(seed=seed)
+    scenario = env.simulation.network.scenario
+    agents, per_s, step_hz = len(scenario.agents), scenario.run.decision_hz, scenario.physics.step_hz
+    times: list[tuple[float, float]] = []
+    for turn in range(turns + 1):
+        start = time.process_time()
+        for _ in range(decisions):
+            actions = {name: policies[name](np.asarray(observations[name])) for name in env.agents}
+            observations, *_ = env.step(actions)
+        spent = time.process_time() - start
+        if turn > 0:  # in the first one compiled code is loaded
+            times.append((raw_seconds(agents, decisions / per_s, step_hz), spent))
+    env.close()
+    bare, taken = (statistics.median(column) for column in zip(*times, strict=True))
+    return {
+        "env_steps_per_s": decisions / taken,
+        "drone_control_steps_per_s": agents * decisions / per_s * scenario.controller.rate_hz / taken,
+        "raw_body_steps_per_s": agents * decisions / per_s * step_hz / bare,
+        "raw_limit_fraction": statistics.median(raw / spent for raw, spent in times),
     }
 
 

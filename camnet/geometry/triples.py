@@ -7,7 +7,8 @@ no array and returns none: it is compiled without the counting of references, wh
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from numba import njit
 
@@ -38,9 +39,16 @@ Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 
 #: a division by zero gives what IEEE 754 says
-borrowing: Any = njit(cache=True, error_model="numpy", _nrt=False)
-
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
 _SMALL = 1e-4
+
+_Kernel = TypeVar("_Kernel", bound=Callable[..., object])
+
+
+def borrowing(function: _Kernel) -> _Kernel:
+    """Compile a function that makes no array and returns none."""
+    compiled: _Kernel = njit(**_OPTIONS)(function)
+    return compiled
 
 
 @borrowing

@@ -129,7 +129,9 @@ class VectorFieldMotion:
             return np.asarray(_path_on_loop((x, y, theta, v, w), dt_s, self._limits(), *curve, shape, count))
         rows = np.empty((count, 16))
         for row in rows:
-            state = self._step(*state.p_world[:2].tolist(), *state.internal.tolist(), dt_s)
+            x, y, _ = state.p_world.tolist()
+            theta, v, w = state.internal.tolist()
+            state = self._step(x, y, theta, v, w, dt_s)
             parts = (state.p_world, state.q_world, state.v_world, state.w_body, state.internal)
             row[:] = np.concatenate(parts)
         return rows

@@ -7,6 +7,7 @@ the frusta.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -107,7 +108,7 @@ def survey(
     camera_q: Array,
     target_p: Array,
     target_q: Array,
-    *facts: Array | BoolArray | IntArray,
+    *facts: Any,  # noqa: ANN401 - as listed
 ) -> tuple[BoolArray, BoolArray, IntArray, float]:
     """Visible pairs (C,M), agents (N,) outside their regions, region and seer (2,M) of the targets, least distance.
 
@@ -123,8 +124,9 @@ def survey(
     visible = np.empty((cameras, targets), dtype=np.bool_)
     outside = np.empty(len(agent_p), dtype=np.bool_)
     who = np.empty((2, targets), dtype=np.int64)
-    least = _survey(agent_p, camera_p, camera_q, target_p, target_q, *facts, visible, outside, who)
-    return visible, outside, who, least
+    truth = (agent_p, camera_p, camera_q, target_p, target_q)
+    everything: tuple[Any, ...] = (*truth, *facts, visible, outside, who)
+    return visible, outside, who, _survey(*everything)
 
 
 def first_seers(visible: BoolArray) -> list[int]:

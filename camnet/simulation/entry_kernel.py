@@ -21,7 +21,7 @@ def _distance(x: float, y: float, z: float, low: Array, high: Array) -> float:
     a, b, c = max(low[0] - x, x - high[0]), max(low[1] - y, y - high[1]), max(low[2] - z, z - high[2])
     inner = max(a, b, c)
     if inner <= 0.0:
-        return inner
+        return float(inner)
     a, b, c = max(a, 0.0), max(b, 0.0), max(c, 0.0)
     return math.sqrt(a * a + b * b + c * c)
 

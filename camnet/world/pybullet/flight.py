@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pybullet as pb
@@ -104,7 +105,7 @@ class Flight:
             flat += q
             flat += v
             flat += w
-        self._write(self.bodies, 0, *flat)
+        self._write(self.bodies.data, 0, *flat)
 
     def _wind(self, wind: WindSettings, dt: float) -> Array:
         """Mean wind plus a first-order Gauss-Markov gust of each agent, (N,3)."""
@@ -176,11 +177,16 @@ class Flight:
         """
         self._monitor, limits = autopilot.monitor, self._physics
         motion = np.empty((len(self._numbers) + n_cameras, 13))
-        body = (self.bodies, self.memory, self._command, self._constants)
-        self._begin = (*autopilot.packed, *body, self._wrench, self._asked, motion, balls)
+        body: tuple[Any, ...] = (self.bodies, self.memory, self._command, self._constants)
+        self._begin: tuple[Any, ...] = (*autopilot.packed, *body, self._wrench, self._asked, motion, balls)
         self._reach = (radius, _REACH_M)
-        arrays = (self.bodies, self._before, *body[1:], motion, offset_body, fixed, start_p)
-        self._end = (self._monitor.buffers[0], *arrays, limits.range_limit_m, limits.speed_limit_mps)
+        arrays: tuple[Any, ...] = (self.bodies, self._before, *body[1:], motion, offset_body, fixed, start_p)
+        self._end: tuple[Any, ...] = (
+            self._monitor.buffers[0],
+            *arrays,
+            limits.range_limit_m,
+            limits.speed_limit_mps,
+        )
         return motion
 
     def begin(self, targets: Array) -> int:
@@ -189,7 +195,8 @@ class Flight:
         ``targets`` (M,13): where the centres of the balls are.
         """
         wind = self._wind(self._physics.wind, self._control_dt_s)
-        return int(begin_flight(self._monitor.place, *self._begin, targets, wind, *self._reach))
+        everything: tuple[Any, ...] = (*self._begin, targets, wind, *self._reach)
+        return int(begin_flight(self._monitor.place, *everything))
 
     def end(self) -> tuple[int, float]:
         """End a control period of the autopilot: first unsound body (-1: none), and the sum of squared speeds."""
