@@ -36,7 +36,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -121,7 +121,8 @@ COUNT_COLUMNS = 16
 GROWTH = 8
 _RULES = ("d_optimal",)
 #: written out where it is called: without counting references a function cannot return an array
-_part = njit(inline="always", _nrt=False)
+_INLINE: dict[str, Any] = {"inline": "always", "_nrt": False}
+_part = njit(**_INLINE)
 
 
 class Places(NamedTuple):

@@ -12,8 +12,9 @@ from camnet.types import Array, PoseMeasurement
 
 __all__ = ["LOST_PERIODS", "measured_world_pose"]
 
-#: a target is unseen once no measurement came for this many sensing periods
-LOST_PERIODS = 1.5
+#: a target is unseen once no measurement came for this many sensing periods: up to two frames in a row may be missed.
+#: Were every missed frame a loss, no window of some ten frames would be whole where one frame in ten is dropped
+LOST_PERIODS = 3.5
 
 
 def measured_world_pose(measurement: PoseMeasurement) -> tuple[Array, Array]:

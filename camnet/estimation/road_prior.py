@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -38,7 +38,8 @@ __all__ = ["NO_ROADS", "RoadMap", "map_of", "offset_of", "steer", "turning_rate"
 #: cells of the grid over the roads, at most
 _MOST_CELLS = 250_000
 #: borrows what it is given: nothing is made here, so that no references need to be counted
-_borrowing = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_borrowing = njit(**_OPTIONS)
 
 
 class RoadMap(NamedTuple):

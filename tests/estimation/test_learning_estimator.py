@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -163,9 +164,9 @@ def test_what_happens_between_two_measurements_is_not_a_loss(
     estimator = _straight(build, measurement_of, 2.0)
     estimator.predict(2.0 + 1 / 60)
     assert estimator.estimate.seen
-    estimator.predict(2.0 + 1 / 30)
+    estimator.predict(2.0 + 3 / 30)
     assert estimator.estimate.seen
-    estimator.predict(2.0 + 2 / 30)
+    estimator.predict(2.0 + 4 / 30)
     assert not estimator.estimate.seen
     assert estimator.estimate.last_seen_s == 2.0
     assert estimator.estimate.region == 0
@@ -256,6 +257,25 @@ def test_misuse_is_named(build: Callable, measurement_of: Callable) -> None:
         LearningEstimator(EstimatorSettings(), basis, 1, 30.0, BOUNDS[::-1])
     with pytest.raises(ConfigError, match="rate_hz"):
         LearningEstimator(EstimatorSettings(), basis, 1, 0.0, BOUNDS)
+
+
+def test_a_frame_missed_now_and_then_is_no_loss(
+    replica_factory: Callable, replica_runner: Callable, build: Callable, measurement_of: Callable
+) -> None:
+    """One measurement in ten is dropped; gaps go on being learned, and windows come as often as frames allow."""
+    replica = replica_factory(2, **LOOP)
+    dropped = np.random.default_rng(4).random(len(replica.t)) < 0.1
+    patchy = replace(replica, region=np.where(dropped, -1, replica.region))
+    whole, torn = (replica_runner(r, build(EstimatorSettings())).filter for r in (replica, patchy))
+    windows = [sum(f.model(j).integral.count for j in range(4)) for f in (whole, torn)]
+    assert windows[1] > 0.75 * windows[0]
+    assert 5 <= torn.diagnostics()["gaps_learned"] <= whole.diagnostics()["gaps_learned"] + 1
+    # more than two in a row are a loss
+    t = float(replica.t[-1])
+    torn.correct(measurement_of(t + 0.1, replica.p[-1], replica.q[-1]), 0)
+    for k in range(1, 5):
+        torn.predict(t + 0.1 + k / 30.0)
+        assert torn.estimate.seen == (k < 4)
 
 
 @pytest.mark.slow
