@@ -71,7 +71,7 @@ class _Facts:
     def actions(self, p_world: Array, gaze: Array) -> NDArray[np.float32]:
         """Actions (E, N, 5) that ask for positions and gaze."""
         flat = np.concatenate([(p_world - self.center) / self.reach, gaze / self.gaze_max_rad], axis=-1)
-        return np.clip(flat, -1.0, 1.0).astype(np.float32)
+        return np.asarray(np.clip(flat, -1.0, 1.0), dtype=np.float32)
 
 
 _FIELDS = (
@@ -120,13 +120,13 @@ class _Rule:
         soon = np.where(expected, 10.0 * (1.0 - coming) + field(shown, "entry_time"), np.inf).argmin(axis=2)
         p_world = facts.rows.ease(np.broadcast_to(facts.rows.rest_p_world, own_p.shape), own_p)
         gaze = np.zeros((*own_p.shape[:2], 2))
-        meets, tracks = expected.any(axis=2), present.any(axis=2)
+        meets, tracks = (np.any(which, axis=2, keepdims=True) for which in (expected, present))
         if meets.any():
             p, g = self._meet(shown, soon, own_p)
-            p_world, gaze = np.where(meets[..., None], p, p_world), np.where(meets[..., None], g, gaze)
+            p_world, gaze = np.where(meets, p, p_world), np.where(meets, g, gaze)
         if tracks.any():
             p, g = self._track(shown, held, own_p)
-            p_world, gaze = np.where(tracks[..., None], p, p_world), np.where(tracks[..., None], g, gaze)
+            p_world, gaze = np.where(tracks, p, p_world), np.where(tracks, g, gaze)
         return facts.actions(p_world, gaze)
 
     def _track(self, shown: Array, m: NDArray[np.intp], own_p: Array) -> tuple[Array, Array]:
@@ -194,7 +194,7 @@ class _Nearest:
         p_world = facts.rows.project(above)
         way = goal - p_world
         gaze = np.arctan2(way[..., :2], np.maximum(-way[..., 2:], 0.0))
-        some = known.any(axis=2)[..., None]
+        some = np.any(known, axis=2, keepdims=True)
         return facts.actions(np.where(some, p_world, facts.center), np.where(some, gaze, 0.0))
 
 

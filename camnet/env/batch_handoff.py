@@ -309,7 +309,7 @@ _NO_CAMERAS = np.zeros((0, 0, 13))
 
 def _replaced(beliefs: BeliefRows, rows: IntArray, new: BeliefRows) -> BeliefRows:
     """Beliefs with those of the environments ``rows`` renewed."""
-    parts = [np.array(part) for part in beliefs]
+    parts: list[Any] = [np.array(part) for part in beliefs]
     for part, value in zip(parts, new, strict=True):
         part[rows] = value
     return BeliefRows(*parts)

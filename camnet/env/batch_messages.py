@@ -12,7 +12,7 @@ What is under way is a ring of D + 1 posts an environment: the post of exchange 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -183,9 +183,9 @@ class BatchMessages:
         due = rows[self._made[rows] > self._delay]
         if not due.size:
             return
-        post = _Post(
-            *(part[due, (self._made[due] - 1 - self._delay) % (self._delay + 1)] for part in self._posts)
-        )
+        slot = (self._made[due] - 1 - self._delay) % (self._delay + 1)
+        parts: list[Any] = [part[due, slot] for part in self._posts]
+        post = _Post(*parts)
         self._take(due, post.t_s, post.news, post.entries, post.gets_target)
         heard = post.gets_peer
         self._peers_p[due] = np.where(heard[..., None], post.peers_p[:, None], self._peers_p[due])

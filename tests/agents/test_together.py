@@ -13,6 +13,7 @@ from camnet.agents.features import FEATURES
 from camnet.agents.policy_file import PolicyHeader, PolicyNet, save_policy
 from camnet.agents.together import build_together
 from camnet.config.load import load_scenario
+from camnet.config.models import Scenario
 from camnet.env.layout import ObservationLayout
 from camnet.geometry.regions import CylinderRegion
 from camnet.simulation.network import build_network
@@ -52,7 +53,9 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("world", ["pursuit", "grid_16", "round"])
 @pytest.mark.parametrize("agent", ["learned", "nearest", "static", "random", "auction", "file"])
 def test_agents_on_arrays_act_as_one_by_one(world: str, agent: str, policy: Path) -> None:
-    network = build_network(load_scenario("pursuit" if world == "round" else world))
+    scenario = load_scenario("pursuit" if world == "round" else world)
+    assert isinstance(scenario, Scenario)
+    network = build_network(scenario)
     layout = ObservationLayout(network.n_targets, min(2, network.n_agents - 1))
     known = network_contexts(network, layout, 1.2)
     if world == "round":

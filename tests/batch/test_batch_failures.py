@@ -23,6 +23,7 @@ class Pair:
         self.one = HandoffEnv(world, filter_name="ekf", **options)
         self.batch = BatchHandoff(world, 2, filter_name="ekf", threads=1, auto_reset=False, **options)
         self.shown = self.batch.reset([seed, seed])
+        self.observations: Any
         self.observations, self.infos = self.one.reset(seed=seed)
         self.failures = 0
 
