@@ -117,6 +117,7 @@ class ExperienceFilter:
     def __init__(self, base: LearningEstimator, book: LessonBook, blend: bool, name: str) -> None:
         self.name = name
         self._base, self._book, self._blend = base, book, blend
+        self._measured = base.estimate
         self._exit: TargetEstimate | None = None
         self._advice: Lessons | None = None
         self._pending: tuple[TargetEstimate, float, Array, int] | None = None
@@ -143,6 +144,7 @@ class ExperienceFilter:
             self._pending = (exit_, t, p, region)
         self._exit = self._advice = None
         self._base.correct(measurement, region)
+        self._measured = self._base.estimate
         self._finish_lesson(t)
 
     def _finish_lesson(self, t_s: float) -> None:
@@ -168,12 +170,11 @@ class ExperienceFilter:
 
     def predict(self, t_s: float) -> None:
         """See ``TargetFilter.predict``."""
-        before = self._base.estimate
+        was_seen, left = self._base.estimate.seen, self._measured
         self._base.predict(t_s)
-        after = self._base.estimate
-        if before.seen and not after.seen:
-            self._exit, self._pending = before, None
-            self._advice = self._book.consult(before.region, before.p_world, before.v_world)
+        if was_seen and not self._base.estimate.seen:  # it left some frames ago
+            self._exit, self._pending = left, None
+            self._advice = self._book.consult(left.region, left.p_world, left.v_world)
 
     def _path(self, t_s: Array) -> tuple[Array, Array]:
         """Positions (K, 3) of the lessons' path at times (K,), and its velocity (3,) at the first of them."""
@@ -208,11 +209,11 @@ class ExperienceFilter:
 
     def rollout(self, horizon_s: float, dt_s: float) -> Rollout:
         """See ``TargetFilter.rollout``."""
-        base, now = self._base.rollout(horizon_s, dt_s), self._base.estimate
+        base, now, left = self._base.rollout(horizon_s, dt_s), self._base.estimate, self._measured
         kept = self._exit, self._advice
         if self._exit is None and now.t_s > now.last_seen_s and now.region >= 0:
-            self._exit = now  # a frame has been missed: if it is the exit, this is what is expected
-            self._advice = self._book.consult(now.region, now.p_world, now.v_world)
+            self._exit = left  # a frame has been missed: if it is the exit, this is what is expected
+            self._advice = self._book.consult(left.region, left.p_world, left.v_world)
         p, _ = self._at(base.t_s, base.p_world, np.zeros(3))
         self._exit, self._advice = kept
         return Rollout(base.t_s, p, base.q_world, base.radius_m)
