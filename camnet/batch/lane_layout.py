@@ -1,24 +1,20 @@
 """Workspaces of `camnet.batch.lanes`: what is in which row, and how a lane is read and written.
 
-A number of an agent is a row of the workspace, (4 ROWS + ..,) in one piece: one entry a lane. Agents 4 b to 4 b + 3 of
+A number of an agent is a row of the workspace, (4 ROWS,) in one piece: one entry a lane. Agents 4 b to 4 b + 3 of
 the environment that flies are in workspace b; lanes without an agent repeat the last one. All a lane needs is in the
 workspace, constants as well: only then does the compiler know that nothing else is written to.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from camnet.batch.compiled import inlined, inner
 from camnet.batch.triples import Quaternion, Triple
-from camnet.types import Array, IntArray
+from camnet.types import Array
 
 __all__ = [
     "LANES",
-    "PLANES_AT_ONCE",
-    "ROWS",
     "build_lanes",
     "load_flight",
     "load_plan",
@@ -52,26 +48,20 @@ HALF_YAW, DISC = 136, 138
 NEXT, STOP, GENTLE_STOP, DEPTHS, ALLOWED = 141, 150, 153, 156, 160
 #: square of the reference's error at the beginning of the period
 ERROR = 161
-#: planes of the region, six at a time: normal and offset of each
-PLANES, PLANES_AT_ONCE = 162, 6
-ROWS = 162
+#: lowest and highest corner of the region
+LOW, HIGH = 162, 165
+ROWS = 168
 
 
-def build_lanes(
-    n_agents: int, yaw: Array, half_yaw: Array, planes: Array, ends: IntArray, discs: Array, wind: Array
-) -> Array:
-    """Workspaces (B, ..) of so many agents, their constants in place; arrays as in `camnet.batch.network.Model`."""
-    most = max(int((ends[1:] - ends[:-1])[:n_agents].max()), 1)
-    groups = -(-most // PLANES_AT_ONCE)
+def build_lanes(n_agents: int, yaw: Array, half_yaw: Array, boxes: Array, discs: Array, wind: Array) -> Array:
+    """Workspaces (B, 4 ROWS) of so many agents, their constants in place; arrays as in `camnet.batch.network.Model`."""
     blocks = -(-n_agents // LANES)
-    x = np.zeros((blocks, ROWS + 4 * PLANES_AT_ONCE * groups, LANES))
-    x[:, PLANES + 3 :: 4] = math.inf  # what is not there is far away
+    x = np.zeros((blocks, ROWS, LANES))
     for k in range(blocks * LANES):
         b, lane, n = k // LANES, k % LANES, min(k, n_agents - 1)
         x[b, HEADING : HEADING + 2, lane], x[b, HALF_YAW : HALF_YAW + 2, lane] = yaw[n], half_yaw[n]
         x[b, DISC : DISC + 3, lane], x[b, WIND : WIND + 3, lane] = discs[n], wind
-        mine = planes[ends[n] : ends[n + 1]]
-        x[b, PLANES : PLANES + mine.size, lane] = mine.ravel()
+        x[b, LOW : LOW + 3, lane], x[b, HIGH : HIGH + 3, lane] = boxes[n]
     return x.reshape(blocks, -1)
 
 

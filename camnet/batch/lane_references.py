@@ -18,12 +18,12 @@ from camnet.batch.lane_layout import (
     GENTLE_STOP,
     HALF_YAW,
     HEADING,
+    HIGH,
     LANES,
     LOOK,
+    LOW,
     MOTION,
     NEXT,
-    PLANES,
-    PLANES_AT_ONCE,
     SETPOINT,
     STOP,
     A,
@@ -88,10 +88,13 @@ def ask_lanes(x: Array, gains: Array, code: int) -> None:
 
 
 @inlined
-def _depth_in_disc(x: Array, lane: int, p: Triple) -> float:
-    disc = get(x, DISC, lane)
+def _depth(x: Array, lane: int, p: Triple) -> float:
+    """Depth of a point inside the lane's region, a box or an upright cylinder: `camnet.batch.reference.clearance`."""
+    low, high, disc = get(x, LOW, lane), get(x, HIGH, lane), get(x, DISC, lane)
     dx, dy = p[0] - disc[0], p[1] - disc[1]
-    return disc[2] - math.sqrt(dx * dx + dy * dy) if disc[2] > 0.0 else math.inf
+    round_ = disc[2] - math.sqrt(dx * dx + dy * dy) if disc[2] > 0.0 else math.inf
+    across = min(p[0] - low[0], high[0] - p[0], p[1] - low[1], high[1] - p[1])
+    return min(min(across, p[2] - low[2], high[2] - p[2]), round_)
 
 
 @inner
@@ -110,32 +113,10 @@ def _want(x: Array, limits: Limits, dt: float) -> None:
         put(x, NEXT + 6, i, push)
         put(x, STOP, i, end)
         put(x, GENTLE_STOP, i, gentle_end)
-        x[DEPTHS * LANES + i] = _depth_in_disc(x, i, p)
-        x[(DEPTHS + 1) * LANES + i] = _depth_in_disc(x, i, p_next)
-        x[(DEPTHS + 2) * LANES + i] = _depth_in_disc(x, i, end)
-        x[(DEPTHS + 3) * LANES + i] = _depth_in_disc(x, i, gentle_end)
-
-
-@inlined
-def _depth(x: Array, first: int, lane: int, p: Triple, depth: float) -> float:
-    """Depth of a point behind six planes from row ``first`` on, ``depth`` at most."""
-    for k in range(PLANES_AT_ONCE):
-        a = get_four(x, first + 4 * k, lane)
-        depth = min(depth, a[3] - a[0] * p[0] - a[1] * p[1] - a[2] * p[2])
-    return depth
-
-
-@inner
-def _measure_depths(x: Array, first: int) -> None:
-    """Depths of the four points behind six planes."""
-    for i in range(LANES):
-        x[DEPTHS * LANES + i] = _depth(x, first, i, get(x, MOTION, i), x[DEPTHS * LANES + i])
-        k = (DEPTHS + 1) * LANES + i
-        x[k] = _depth(x, first, i, get(x, NEXT, i), x[k])
-        k = (DEPTHS + 2) * LANES + i
-        x[k] = _depth(x, first, i, get(x, STOP, i), x[k])
-        k = (DEPTHS + 3) * LANES + i
-        x[k] = _depth(x, first, i, get(x, GENTLE_STOP, i), x[k])
+        x[DEPTHS * LANES + i] = _depth(x, i, p)
+        x[(DEPTHS + 1) * LANES + i] = _depth(x, i, p_next)
+        x[(DEPTHS + 2) * LANES + i] = _depth(x, i, end)
+        x[(DEPTHS + 3) * LANES + i] = _depth(x, i, gentle_end)
 
 
 @inner
@@ -168,8 +149,6 @@ def follow_lanes(x: Array, margin: float, limits: Array, gaze_limits: Array, dt:
     """Move the references on for a control period; False if one of them has to brake (``ALLOWED`` 0) and waits."""
     c = (limits[0], limits[1], limits[2], limits[3], limits[4])
     _want(x, c, dt)
-    for first in range(PLANES, len(x) // LANES, 4 * PLANES_AT_ONCE):
-        _measure_depths(x, first)
     _go_on(x, margin, (gaze_limits[0], gaze_limits[1], gaze_limits[2]), dt)
     going = 0.0
     for i in range(LANES):

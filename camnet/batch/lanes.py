@@ -64,7 +64,7 @@ from camnet.batch.lane_layout import (
 from camnet.batch.triples import SMALL, Triple, circle, rotate_inverse, small_circle, small_turn
 from camnet.types import Array
 
-__all__ = ["fly_lanes"]
+__all__ = ["fly_lanes", "note_joints"]
 
 #: physics steps of the rotors that are done together
 _STEPS = 4
@@ -102,8 +102,8 @@ def _aim(x: Array, c: Constants) -> None:
 
 
 @inner
-def _note_joints(x: Array) -> None:
-    """Cosines and sines of the joints."""
+def note_joints(x: Array) -> None:
+    """Work out cosines and sines of the joints, of agents that have just been loaded."""
     for i in range(LANES):
         angles = get(x, JOINTS, i)
         a, b, d = circle(angles[0]), circle(angles[1]), circle(angles[2])
@@ -231,7 +231,6 @@ def fly_lanes(x: Array, periods: int, constants: Array, offset: Array) -> bool:
         x[LARGEST * LANES + i] = 0.0
     for i in range(FLOWN * LANES):
         x[SAVED * LANES + i] = x[i]
-    _note_joints(x)
     for _ in range(periods):
         _fly_period(x, substeps, dt, c)
     largest = 0.0

@@ -38,7 +38,7 @@ from camnet.batch.lane_layout import (
     store_plan,
 )
 from camnet.batch.lane_references import ask_lanes, follow_lanes
-from camnet.batch.lanes import fly_lanes
+from camnet.batch.lanes import fly_lanes, note_joints
 from camnet.batch.motion import step_target
 from camnet.batch.network import CYLINDER, Model
 from camnet.batch.observe import observe
@@ -135,6 +135,8 @@ def _load(state: State, e: int) -> None:
         x, lane, n = state.lanes[k // LANES], k % LANES, min(k, agents - 1)
         load_flight(x, lane, state.bodies, state.memory, state.cameras, e, n)
         load_plan(x, lane, state.motion, state.setpoint, e, n)
+    for b in range(state.lanes.shape[0]):
+        note_joints(state.lanes[b])
 
 
 @inner
@@ -174,6 +176,7 @@ def _fly_one_by_one(model: Model, state: State, e: int, b: int) -> None:
             fly(state.bodies, state.memory, e, n, u, a, w, heading, wind, c, model.periods)
             camera_of(state.bodies, state.memory, e, n, model.offset, state.cameras)
         load_flight(x, i, state.bodies, state.memory, state.cameras, e, min(n, agents - 1))
+    note_joints(x)
 
 
 @inner

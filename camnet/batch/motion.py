@@ -17,6 +17,7 @@ import numpy as np
 
 from camnet.batch.compiled import inner, outer
 from camnet.batch.random import Streams, normal, uniform
+from camnet.batch.triples import circle
 from camnet.errors import ConfigError
 from camnet.motion.curve import ClosedCurve
 from camnet.motion.fields import LEAST_STRETCH, SPEED_WAVES, LoopField, WaveField, wave_guide
@@ -280,15 +281,15 @@ def _loop(t: Targets, m: int, x: float, y: float) -> tuple[float, float, float, 
             ahead = u >= t.knots[first + piece + 1] if u - t.knots[first + piece] < 0.5 * period else False
             piece = (piece + (1 if ahead else pieces - 1)) % pieces
         px, py, dx, dy, ddx, ddy = _on_curve(t, first, piece, u)
-        if abs(step) < 1e-13:
+        if abs(step) < 1e-8:  # the next one would be its square
             break
     speed = math.sqrt(dx * dx + dy * dy)
     tx, ty, kappa = dx / speed, dy / speed, (dx * ddy - dy * ddx) / (speed * speed * speed)
     g, d = t.shape[m, 0], tx * (y - py) - ty * (x - px)
     along, across = kappa / max(1.0 - kappa * d, LEAST_STRETCH), -g / (1.0 + (g * d) ** 2)
-    wave = 1.0 + t.shape[m, 2] * math.sin(2.0 * math.pi * SPEED_WAVES * u / period)
+    wave = 1.0 + t.shape[m, 2] * circle(2.0 * math.pi * SPEED_WAVES * u / period)[1]
     return (
-        math.atan2(dy, dx) - math.atan(g * d),
+        math.atan2(dy - g * d * dx, dx + g * d * dy),  # the tangent's direction less atan(g d)
         along * tx - across * ty,
         along * ty + across * tx,
         t.shape[m, 1] * wave,

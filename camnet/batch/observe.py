@@ -54,22 +54,25 @@ def _set_entry(model: Model, state: State, e: int, m: int, c: int, path: Array, 
 @inner
 def find_entries(model: Model, state: State, e: int, m: int, path: Array, t_s: float) -> None:
     """Find when a predicted path (K, 4), whose first instant is one step after ``t_s``, enters each region."""
-    steps = path.shape[0]
+    steps, box = path.shape[0], model.boxes
     for c in range(state.entries.shape[2]):
+        low_x, low_y, high_x, high_y = box[c, 0, 0], box[c, 0, 1], box[c, 1, 0], box[c, 1, 1]
         state.entries[e, m, c, 0] = 0.0
         nearest, touching = math.inf, -1
         for k in range(steps):
-            z, radius = path[k, 2], path[k, 3]
+            x, y, z, radius = path[k, 0], path[k, 1], path[k, 2], path[k, 3]
+            if max(low_x - x, x - high_x, low_y - y, y - high_y) > radius:
+                continue  # farther away than the error radius
             rise = min(max(z, model.heights[c, 0]), model.heights[c, 1]) - z
             z += min(max(rise, -radius), radius)  # heights are noise about the ground, where regions end
-            distance = distance_to(model, c, (path[k, 0], path[k, 1], z))
+            distance = distance_to(model, c, (x, y, z))
             if distance <= 0.0:
                 if k > 0:
                     state.entries[e, m, c, 0] = 1.0
                     _set_entry(model, state, e, m, c, path, k, t_s)
                 touching = -1
                 break
-            if distance <= path[k, 3] and distance < nearest:
+            if distance <= radius and distance < nearest:
                 nearest, touching = distance, k
         if touching >= 0:
             state.entries[e, m, c, 0] = 0.5

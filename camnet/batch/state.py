@@ -117,9 +117,7 @@ def allocate(model: Model, environments: int) -> State:
         touching=np.zeros((e, n, n + 1 + m), dtype=np.int64),
         clock=np.zeros((e, 4)),
         count=np.zeros((e, COUNTS)),
-        lanes=build_lanes(
-            n, model.yaw, model.half_yaw, model.planes, model.plane_ends, model.discs, model.wind
-        ),
+        lanes=build_lanes(n, model.yaw, model.half_yaw, model.boxes, model.discs, model.wind),
     )
 
 

@@ -103,6 +103,7 @@ def _fly_lanes(x, bodies, memory, cameras, offset, constants, periods):
     last = bodies.shape[1] - 1
     for i in range(lane_layout.LANES):
         lane_layout.load_flight(x, i, bodies, memory, cameras, 0, min(i, last))
+    lanes.note_joints(x)
     gentle = lanes.fly_lanes(x, periods, constants, offset)
     for i in range(last + 1):
         lane_layout.store_flight(x, i, bodies, memory, 0, i)
@@ -139,10 +140,8 @@ def test_flight_is_that_of_pybullet(flight_hz):
     memory[0, :, :4] = math.sqrt(9.81 / 4 / physics.quadrotor.thrust_n_per_rad2ps2)
     beside = (bodies.copy(), memory.copy(), cameras.copy())
     circle = np.column_stack([np.cos(yaw), np.sin(yaw)])
-    ends, discs = np.zeros(4, dtype=np.int64), np.zeros((3, 3))
-    work = lane_layout.build_lanes(3, circle, circle, np.zeros((0, 4)), ends, discs, np.array(wind.mean_mps))[
-        0
-    ]
+    nowhere = (np.zeros((3, 2, 3)), np.zeros((3, 3)))
+    work = lane_layout.build_lanes(3, circle, circle, *nowhere, np.array(wind.mean_mps))[0]
     rows = work.reshape(-1, lane_layout.LANES)
     rng = np.random.default_rng(1)
     for k in range(180):
@@ -190,7 +189,7 @@ def test_references_are_those_of_the_array_kernel(region):
     mine = (tuple(p), tuple(v), tuple(a))
     gaze_limits, gains, camera = np.array([1.5, 6.0, 4.0]), np.array([2.0, 0.3, 0.5, 0.1]), np.eye(7)[3]
     one = np.array([[1.0, 0.0]])
-    work = lane_layout.build_lanes(1, one, one, bounds.planes, ends, discs, np.zeros(3))[0]
+    work = lane_layout.build_lanes(1, one, one, region.bounds[None], discs, np.zeros(3))[0]
     rows, going = work.reshape(-1, lane_layout.LANES), 0
     for k in range(1500):
         if k % 40 == 0:  # goals beyond the border as well, so that braking sets in
@@ -217,8 +216,8 @@ def test_gaze_and_command_are_those_of_the_array_kernels():
     mine = (0.0, 0.0, 0.0, 0.0)
     gains = np.array([2.0, 0.3, 0.5, 0.12])
     circles = [np.array([[math.cos(x), math.sin(x)]]) for x in (yaw, 0.5 * yaw)]
-    nowhere = (np.zeros((0, 4)), np.zeros(2, dtype=np.int64), np.zeros((1, 3)), np.zeros(3))
-    work = lane_layout.build_lanes(1, *circles, *nowhere)[0]
+    everywhere = np.array([[[-1e9] * 3, [1e9] * 3]])
+    work = lane_layout.build_lanes(1, *circles, everywhere, np.zeros((1, 3)), np.zeros(3))[0]
     rows, gaze_limits = work.reshape(-1, lane_layout.LANES), np.array([1.5, 6.0, 4.0])
     for k in range(300):
         if k % 30 == 0:
