@@ -118,7 +118,7 @@ class VectorFieldMotion:
             return planar_state(end[0], end[1], 0.0, end[2], end[3], end[4], end[2:])
         return self._step(x, y, theta, v, w, dt_s)
 
-    def path(self, state: TargetState, dt_s: float, count: int) -> Array:
+    def states_ahead(self, state: TargetState, dt_s: float, count: int) -> Array:
         """Return ``count`` states ahead, as `step` makes them: rows of p, q, v, w and ``internal``, (count, 16)."""
         x, y, _ = state.p_world.tolist()
         theta, v, w = state.internal.tolist()

@@ -24,7 +24,7 @@ _SHOWN = 13
 class PathLaw(Protocol):
     """A law of motion that needs no random numbers and no time, and can be followed in one compiled call."""
 
-    def path(self, state: TargetState, dt_s: float, count: int) -> Array:
+    def states_ahead(self, state: TargetState, dt_s: float, count: int) -> Array:
         """Return ``count`` states ahead as `step` makes them: rows of p, q, v, w and the law's memory."""
         ...
 
@@ -85,7 +85,7 @@ class Targets:
         if law is not None:
             if path is not None:
                 self._states[k] = _state(path[-1])
-            path = law.path(self._states[k], self._dt, _AHEAD)
+            path = law.states_ahead(self._states[k], self._dt, _AHEAD)
             if np.isfinite(path).all():
                 self._paths[k], self._used[k] = path, 1
                 return np.asarray(path[0])
