@@ -172,7 +172,12 @@ class LearningEstimator:
                 np.tile(self._q, (count, 1)),
                 np.full(count, np.inf),
             )
-        gap = self._settings.gap
+        gap, weights = self._settings.gap, self._paced_weights()
+        # kernels that no data has reached have no weight, and add nothing anywhere on the path
+        reached = np.flatnonzero(weights.any(axis=1))
+        centres, precision = self._basis.centres[reached], self._basis.precision[reached]
+        for array in (centres, precision):
+            array.setflags(write=False)  # as those of the basis: one compiled form for both
         p, q = roll_out(
             self._p,
             self._q,
@@ -184,9 +189,9 @@ class LearningEstimator:
             gap.turn_memory_s,
             gap.handover_s,
             self._stacked,
-            self._paced_weights(),
-            self._basis.centres,
-            self._basis.precision,
+            weights[reached],
+            centres,
+            precision,
             self._basis.heading_scale_m,
             self._low,
             self._high,

@@ -13,6 +13,7 @@ import pytest
 
 from camnet.errors import ConfigError
 from camnet.estimation import ConstantVelocityEKF, LearningEstimator, TargetFilter, place_basis
+from camnet.estimation.propagate import PRIORS, roll_out
 from camnet.estimation.settings import (
     BasisSettings,
     EkfSettings,
@@ -184,6 +185,25 @@ def test_rollout_foretells_what_predict_will_say(build: Callable, measurement_of
         estimator.predict(3.2 + 0.05 * (k + 1))
     np.testing.assert_allclose(estimator.estimate.p_world, roll.p_world[-1], atol=0.02)
     assert estimator.estimate.radius_m == pytest.approx(roll.radius_m[-1], rel=0.1)
+
+
+def test_a_rollout_leaves_out_only_kernels_without_weight(
+    build: Callable, replica_factory: Callable, replica_runner: Callable
+) -> None:
+    """Bit for bit the same path as with all kernels."""
+    estimator = build(EstimatorSettings())
+    replica_runner(replica_factory(1, **LOOP), estimator)
+    basis, now, gap = estimator._basis, estimator.estimate, GapSettings()
+    weights = estimator.model(now.region).weights
+    assert 0 < np.count_nonzero(weights.any(axis=1)) < basis.size
+    path = estimator.rollout(8.0, 0.1)
+    p, q = roll_out(
+        now.p_world, now.q_world, estimator._prior, 0.1, 80, 1, PRIORS[gap.prior], gap.turn_memory_s, gap.handover_s,
+        False, weights, basis.centres, basis.precision, basis.heading_scale_m, *BOUNDS,
+        estimator._road_offset(), estimator._roads,
+    )  # fmt: skip
+    np.testing.assert_array_equal(path.p_world, p)
+    np.testing.assert_array_equal(path.q_world, q)
 
 
 def test_a_region_keeps_its_memory_while_the_target_is_elsewhere(
