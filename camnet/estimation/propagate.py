@@ -26,10 +26,10 @@ import math
 import numpy as np
 from numba import njit
 
-from camnet.estimation.basis import CUTOFF, map_inputs
+from camnet.estimation.basis import CUTOFF
 from camnet.estimation.projection import axis_factor
 from camnet.estimation.road_prior import RoadMap, steer
-from camnet.geometry.rotations_compiled import exp, multiply, normalise, rotate, rotate_inverse
+from camnet.geometry.triples import Quaternion, Triple, borrowing, exp, multiply, rotate, rotate_inverse
 from camnet.types import Array
 
 __all__ = ["COLUMNS", "POSE_LAYER_M", "PRIORS", "TWIST_OUTPUTS", "UNIT", "advance", "model_twist", "roll_out"]
@@ -45,23 +45,33 @@ POSE_LAYER_M = 0.5
 PRIORS = {"none": 0, "constant_velocity": 1, "constant_turn": 2, "road": 2}
 
 
-@njit(cache=True)
-def model_twist(
-    p: Array,
-    q: Array,
-    prior: Array,
-    use_prior: bool,
-    stacked: bool,
+@borrowing
+def _inputs(p: Triple, q: Quaternion, d: int, heading_scale: float) -> Quaternion:
+    """Rho as in `camnet.estimation.basis`, its first ``d`` numbers."""
+    if d != 4:
+        return p[0], p[1], 0.0, 0.0
+    cx = 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3])
+    cy = 2.0 * (q[1] * q[2] + q[0] * q[3])
+    norm = math.sqrt(cx * cx + cy * cy)
+    scale = heading_scale / norm if norm > 1e-12 else 0.0
+    return p[0], p[1], scale * cx, scale * cy
+
+
+@borrowing
+def _field(
+    p: Triple,
+    q: Quaternion,
     weights: Array,
     centres: Array,
     precision: Array,
     heading_scale: float,
-    twist: Array,
-) -> float:
-    """Write velocity (world) and angular velocity (body) to ``twist`` (6,); return the support u in [0, 1]."""
+    out: Array,
+) -> None:
+    """Write W^T sigma (8,) at a pose to ``out``."""
     n, d = centres.shape
-    out = np.zeros(COLUMNS)
-    x = map_inputs(p, q, d, heading_scale)
+    x = _inputs(p, q, d, heading_scale)
+    for o in range(COLUMNS):
+        out[o] = 0.0
     for k in range(n):
         quad = 0.0
         if d == 2:
@@ -80,6 +90,11 @@ def model_twist(
             sigma = math.exp(-0.5 * quad)
             for o in range(COLUMNS):
                 out[o] += sigma * weights[k, o]
+
+
+@borrowing
+def _blend(q: Quaternion, prior: Array, use_prior: bool, stacked: bool, out: Array, twist: Array) -> float:
+    """Write the twist (6,) of the field ``out`` (8,) and the prior; return the support."""
     support: float = min(1.0, max(0.0, out[UNIT]))
     rest = 1.0 - support if use_prior else 0.0
     for i in range(3):
@@ -96,45 +111,94 @@ def model_twist(
 
 
 @njit(cache=True)
-def _turn(w: Array, dt: float) -> Array:
-    """Quaternion of a turn at the body rate ``w`` for ``dt``."""
-    turn = np.empty(3)
-    for i in range(3):
-        turn[i] = dt * w[i]
-    return exp(turn)
-
-
-@njit(cache=True)
-def _move(p: Array, q: Array, twist: Array, dt: float, low: Array, high: Array) -> tuple[Array, Array]:
-    """Pose after ``dt`` at a constant twist, the position projected onto the tracking bounds."""
-    p_next = np.empty(3)
-    for i in range(3):
-        p_next[i] = p[i] + dt * twist[i] * axis_factor(p[i], twist[i], low[i], high[i], POSE_LAYER_M)
-    return p_next, normalise(multiply(q, _turn(twist[3:6], dt)))
-
-
-@njit(cache=True)
-def _carry_prior(
-    prior: Array,
+def model_twist(
+    p: Array,
     q: Array,
+    prior: Array,
+    use_prior: bool,
+    stacked: bool,
+    weights: Array,
+    centres: Array,
+    precision: Array,
+    heading_scale: float,
     twist: Array,
-    support: float,
-    code: int,
-    turn_memory: float,
-    handover: float,
-    dt: float,
+) -> float:
+    """Write velocity (world) and angular velocity (body) to ``twist`` (6,); return the support u in [0, 1]."""
+    out, at = np.zeros(COLUMNS), (q[0], q[1], q[2], q[3])
+    _field((p[0], p[1], p[2]), at, weights, centres, precision, heading_scale, out)
+    return _blend(at, prior, use_prior, stacked, out, twist)
+
+
+@borrowing
+def _turned(q: Quaternion, w: Triple, dt: float) -> Quaternion:
+    """Orientation after ``dt`` at the constant body rate ``w``."""
+    a = multiply(q, exp((dt * w[0], dt * w[1], dt * w[2])))
+    n = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
+    return a[0] / n, a[1] / n, a[2] / n, a[3] / n
+
+
+@borrowing
+def _moved(p: Triple, v: Array, dt: float, low: Array, high: Array) -> Triple:
+    """Position after ``dt`` at a constant velocity, projected onto the tracking bounds."""
+    return (
+        p[0] + dt * v[0] * axis_factor(p[0], v[0], low[0], high[0], POSE_LAYER_M),
+        p[1] + dt * v[1] * axis_factor(p[1], v[1], low[1], high[1], POSE_LAYER_M),
+        p[2] + dt * v[2] * axis_factor(p[2], v[2], low[2], high[2], POSE_LAYER_M),
+    )
+
+
+@borrowing
+def _carry_prior(
+    prior: Array, q: Quaternion, twist: Array, share: float, code: int, fade: float, dt: float
 ) -> None:
     """Advance the prior mean in place: it turns with the body, forgets its turn, and follows the learned motion."""
     if code == 2:
-        body = rotate_inverse(q, prior[0:3])
-        turned = rotate(multiply(q, _turn(prior[3:6], dt)), body)
-        fade = math.exp(-dt / turn_memory)
+        body = rotate_inverse(q, (prior[0], prior[1], prior[2]))
+        turned = rotate(multiply(q, exp((dt * prior[3], dt * prior[4], dt * prior[5]))), body)
         for i in range(3):
             prior[i] = turned[i]
             prior[3 + i] *= fade
-    share = support * -math.expm1(-dt / handover)
     for i in range(6):
         prior[i] += share * (twist[i] - prior[i])
+
+
+@borrowing
+def _integrate(
+    p: Triple,
+    q: Quaternion,
+    prior: Array,
+    duration: float,
+    steps: int,
+    code: int,
+    turn_memory: float,
+    handover: float,
+    stacked: bool,
+    weights: Array,
+    centres: Array,
+    precision: Array,
+    heading_scale: float,
+    low: Array,
+    high: Array,
+    twist: Array,
+    offset: float,
+    roads: RoadMap,
+    out: Array,
+) -> tuple[Triple, Quaternion, float]:
+    """Do what ``advance`` does; ``out`` (8,) is room for the field."""
+    dt, support = duration / steps, 0.0
+    fade, follow = math.exp(-dt / turn_memory), -math.expm1(-dt / handover)
+    for _ in range(steps):
+        steer(p[0], p[1], prior, offset, roads)
+        _field(p, q, weights, centres, precision, heading_scale, out)
+        _blend(q, prior, code > 0, stacked, out, twist)
+        p_mid, q_mid = _moved(p, twist, 0.5 * dt, low, high), q
+        if stacked or centres.shape[1] == 4:  # else the field is one of places alone
+            q_mid = _turned(q, (twist[3], twist[4], twist[5]), 0.5 * dt)
+        _field(p_mid, q_mid, weights, centres, precision, heading_scale, out)
+        support = _blend(q_mid, prior, code > 0, stacked, out, twist)
+        _carry_prior(prior, q, twist, support * follow, code, fade, dt)
+        p, q = _moved(p, twist, dt, low, high), _turned(q, (twist[3], twist[4], twist[5]), dt)
+    return p, q, support
 
 
 @njit(cache=True)
@@ -163,18 +227,28 @@ def advance(
     On ``roads`` the prior is steered before every step, to go on at ``offset`` from their middle. Returns the pose and
     the support at the last midpoint.
     """
-    dt = duration / steps
-    support = 0.0
-    for _ in range(steps):
-        steer(p[0], p[1], prior, offset, roads)
-        model_twist(p, q, prior, code > 0, stacked, weights, centres, precision, heading_scale, twist)
-        p_mid, q_mid = _move(p, q, twist, 0.5 * dt, low, high)
-        support = model_twist(
-            p_mid, q_mid, prior, code > 0, stacked, weights, centres, precision, heading_scale, twist
-        )
-        _carry_prior(prior, q, twist, support, code, turn_memory, handover, dt)
-        p, q = _move(p, q, twist, dt, low, high)
-    return p, q, support
+    place, turn, support = _integrate(
+        (p[0], p[1], p[2]),
+        (q[0], q[1], q[2], q[3]),
+        prior,
+        duration,
+        steps,
+        code,
+        turn_memory,
+        handover,
+        stacked,
+        weights,
+        centres,
+        precision,
+        heading_scale,
+        low,
+        high,
+        twist,
+        offset,
+        roads,
+        np.zeros(COLUMNS),
+    )
+    return np.array(place), np.array(turn), support
 
 
 @njit(cache=True)
@@ -202,11 +276,12 @@ def roll_out(
     ps = np.empty((count, 3))
     qs = np.empty((count, 4))
     carried = prior.copy()
-    twist = np.zeros(6)
+    twist, out = np.zeros(6), np.zeros(COLUMNS)
+    place, turn = (p[0], p[1], p[2]), (q[0], q[1], q[2], q[3])
     for k in range(count):
-        p, q, _ = advance(
-            p,
-            q,
+        place, turn, _ = _integrate(
+            place,
+            turn,
             carried,
             dt,
             substeps,
@@ -223,9 +298,10 @@ def roll_out(
             twist,
             offset,
             roads,
+            out,
         )
         for i in range(3):
-            ps[k, i] = p[i]
+            ps[k, i] = place[i]
         for i in range(4):
-            qs[k, i] = q[i]
+            qs[k, i] = turn[i]
     return ps, qs
