@@ -26,7 +26,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 #: what compiles the same large kernels runs in one worker, since each worker compiles for itself
 _TOGETHER = {
-    "batch": ("batch/", "training/", "evaluation/", "cli/test_evaluate.py", "env/test_batch"),
+    "batch": ("batch/", "training/"),
     "adate": ("adate/", "visual/", "estimation/test_adate_filter.py"),
 }
 
