@@ -169,8 +169,11 @@ def predict_lent(setup: EstimatorSetup, state: EstimatorState, row: int, t_s: fl
 @inner
 def correct_lent(
     setup: EstimatorSetup, state: EstimatorState, row: int, t_s: float, p: Array, q: Array, region: int
-) -> None:
-    """Advance ``row`` to ``t_s`` with a measured world pose p (3,), q (4,) in force; the first call initialises."""
+) -> bool:
+    """Advance ``row`` to ``t_s`` with a measured world pose p (3,), q (4,) in force; the first call initialises.
+
+    True if a measured window was offered to the stack: it then is in ``work.offered``, over the active kernels.
+    """
     kernels, c = setup.kernels, setup.rules
     pose, k, d = state.pose[row], state.flags[row], state.data[row]
     j = 0 if c.models == 1 else region
@@ -205,9 +208,15 @@ def correct_lent(
         correct_seen(c, pose, k, d, t, at, measured, count)
     k[REGION], k[SEEN], pose[LAST_SEEN], pose[T] = region, 1, t, t
     complete = note_pose(c, k, d, t, at, measured, c.work.places, c.work.sigma, count)
+    offered = False
     for across in range(2):
         if (across == 0 and complete) or (across == 1 and k[GAP_MODEL] >= 0):
-            learn(kernels, c, pose, k, d, across)
+            entered = learn(kernels, c, pose, k, d, across)
+            if across == 0 and entered:
+                offered = True
+                for a in range(c.size):
+                    c.work.offered[a] = c.work.rows[0, a]
+    return offered
 
 
 # --- from Python -----------------------------------------------------------------------------------------------------

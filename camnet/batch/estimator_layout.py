@@ -174,6 +174,8 @@ class Work(NamedTuple):
     increments: Array
     shares: Array
     path: Array
+    #: regressor of the last measured window that was offered (p,)
+    offered: Array
     #: a measured position and orientation, a fit (14,), a row of ``pose``, weights of a window's samples
     position: Array
     orientation: Array
@@ -317,7 +319,7 @@ def _room(kernels: Kernels, samples: int, windows: int) -> Work:
     p, grid = len(kernels.centres), kernels.number.shape
     padded = _whole(p)
     eight = {name: np.zeros(COLUMNS) for name in ("field", "error", "residual", "first", "last")}
-    rows = {name: np.zeros(p) for name in ("sigma", "u", "y", "old", "present", "left")}
+    rows = {name: np.zeros(p) for name in ("sigma", "u", "y", "old", "present", "left", "offered")}
     return Work(
         **eight,
         **rows,

@@ -50,10 +50,10 @@ __all__ = ["active_sigma", "align", "correct_seen", "learn", "resight"]
 
 
 @inner
-def learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, across: int) -> None:
+def learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, across: int) -> bool:
     """Offer the window that is complete (``across`` 0), or those of the path across the gap (1), to their stack.
 
-    After a change of the target's ways, what contradicts them goes first.
+    After a change of the target's ways, what contradicts them goes first. False: the outlier gate let nothing in.
     """
     j, windows, before, enter = k[MODEL], 1, math.inf, True
     end, rows, increments, weights = c.work.fit, c.work.rows, c.work.increments, c.work.shares
@@ -72,13 +72,14 @@ def learn(kernels: Kernels, c: Rules, pose: Array, k: IntArray, d: Array, across
     elif windows > 0 and not bridge(kernels, c, k, d, j, pose[GAP:], end, windows, rows, increments, weights):
         before = math.inf
     if not enter:
-        return
+        return False
     for i in range(windows if c.forgetting and math.isfinite(before) else 0):
         forget(c, k, d, j, rows[i], before)
     for i in range(windows):
         open_books(c, k, d, j)
         learn_window(c, k, d, j, pose[T], rows[i], increments[i], weights[i])
     refresh(c, k, d, j)
+    return True
 
 
 @inner
