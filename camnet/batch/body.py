@@ -24,56 +24,26 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inlined, outer
-from camnet.batch.triples import (
+from camnet.batch.triples import circle, cosine_and_sine, cross, turn
+from camnet.geometry.triples import (
+    Matrix,
     Quaternion,
     Triple,
-    circle,
-    cosine_and_sine,
-    cross,
+    into,
+    matrix,
     multiply,
+    out_of,
     rotate,
     rotate_inverse,
     size,
-    turn,
 )
 from camnet.types import Array
 
 __all__ = ["Constants", "camera_of", "fly"]
 
-_Matrix = tuple[Triple, Triple, Triple]
 _FourRotors = tuple[float, float, float, float]
 #: of the model: an array, or the same numbers as a tuple
 Constants = Array | tuple[float, ...]
-
-
-@inlined
-def _matrix(x: float, y: float, z: float, w: float) -> _Matrix:
-    """Rows of the rotation matrix of the quaternion x y z w."""
-    return (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-
-
-@inlined
-def _out_of(r: _Matrix, v: Triple) -> Triple:
-    """``r v``."""
-    return (
-        r[0][0] * v[0] + r[0][1] * v[1] + r[0][2] * v[2],
-        r[1][0] * v[0] + r[1][1] * v[1] + r[1][2] * v[2],
-        r[2][0] * v[0] + r[2][1] * v[1] + r[2][2] * v[2],
-    )
-
-
-@inlined
-def _into(r: _Matrix, v: Triple) -> Triple:
-    """``r^T v``."""
-    return (
-        r[0][0] * v[0] + r[1][0] * v[1] + r[2][0] * v[2],
-        r[0][1] * v[0] + r[1][1] * v[1] + r[2][1] * v[2],
-        r[0][2] * v[0] + r[1][2] * v[1] + r[2][2] * v[2],
-    )
 
 
 @inlined
@@ -108,7 +78,7 @@ def _axis_rate(old: Triple, axis: Triple, rate: Triple, c: Constants) -> Triple:
 
 @inlined
 def _torque(
-    r: _Matrix, axis: Triple, heading: tuple[float, float], w: Triple, rate: Triple, c: Constants
+    r: Matrix, axis: Triple, heading: tuple[float, float], w: Triple, rate: Triple, c: Constants
 ) -> Triple:
     """Body torque towards the attitude with z along ``axis`` and x towards the heading (cosine, sine)."""
     hx, hy = heading
@@ -120,9 +90,9 @@ def _torque(
         side[2] * axis[0] - side[0] * axis[2],
         side[0] * axis[1] - side[1] * axis[0],
     )
-    f, s, a = _into(r, front), _into(r, side), _into(r, axis)  # rows of E = D^T R
+    f, s, a = into(r, front), into(r, side), into(r, axis)  # rows of E = D^T R
     k_r, k_w = c[18], c[19]
-    wanted = _into(r, rate)
+    wanted = into(r, rate)
     jx, jy, jz = c[2], c[3], c[4]
     return (
         jx * (-k_r * 0.5 * (a[1] - s[2]) - k_w * (w[0] - wanted[0])) + (jz - jy) * w[1] * w[2],
@@ -164,10 +134,10 @@ def aim_thrust(
 ) -> tuple[_FourRotors, Triple, Triple, Triple, Triple]:
     """Speeds asked of the rotors, the body's own angular velocity, and what is remembered: integral, axis, its rate."""
     mass, gravity = c[1], c[13]
-    r = _matrix(q[1], q[2], q[3], q[0])
-    wb, vb = _into(r, w), _into(r, v)
+    r = matrix(q)
+    wb, vb = into(r, w), into(r, v)
     f, integral = _specific_force(_slowed(u, c[14]), a, v, integral, c)
-    drag = _out_of(r, (c[10] * vb[0], c[11] * vb[1], c[12] * vb[2]))
+    drag = out_of(r, (c[10] * vb[0], c[11] * vb[1], c[12] * vb[2]))
     fx, fy = mass * f[0] + drag[0], mass * f[1] + drag[1]
     fz = max(mass * (f[2] + gravity) + drag[2], 0.3 * mass * gravity)
     scale = 1.0 / size(fx, fy, fz)
@@ -198,17 +168,17 @@ def push(q: Quaternion, v: Triple, wind: Triple, squares: _FourRotors, c: Consta
     mass, gravity, share = c[1], c[13], 1.0 / c[26]
     dt, lever, kq = c[0] * share, c[5] * c[6] * share, c[7] * share
     s = squares
-    r = _matrix(q[1], q[2], q[3], q[0])
+    r = matrix(q)
     lift = c[6] * share * (s[0] + s[1] + s[2] + s[3])
     tau = (
         lever * (s[0] + s[1] - s[2] - s[3]),
         lever * (s[1] + s[2] - s[0] - s[3]),
         kq * (s[0] - s[1] + s[2] - s[3]),
     )
-    air = _into(r, (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]))
-    force = _out_of(r, (-c[10] * air[0], -c[11] * air[1], lift - c[12] * air[2]))
+    air = into(r, (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]))
+    force = out_of(r, (-c[10] * air[0], -c[11] * air[1], lift - c[12] * air[2]))
     gain = (dt / mass * force[0], dt / mass * force[1], dt * (force[2] / mass - gravity))
-    return gain, _out_of(r, tau)
+    return gain, out_of(r, tau)
 
 
 @inlined
@@ -216,15 +186,15 @@ def rigid_step(
     p: Triple, q: Quaternion, v: Triple, w: Triple, gain: Triple, torque: Triple, dt: float, c: Constants
 ) -> tuple[Triple, Triple, Triple]:
     """Position and velocities after a physics step: ``gain`` is what velocity gains, ``torque`` is in the world."""
-    r = _matrix(q[1], q[2], q[3], q[0])
-    wb, tau = _into(r, w), _into(r, torque)
+    r = matrix(q)
+    wb, tau = into(r, w), into(r, torque)
     jx, jy, jz = c[2], c[3], c[4]
     grown = (
         dt / jx * (tau[0] - (jz - jy) * wb[1] * wb[2]),
         dt / jy * (tau[1] - (jx - jz) * wb[2] * wb[0]),
         dt / jz * (tau[2] - (jy - jx) * wb[0] * wb[1]),
     )
-    a = _out_of(r, grown)
+    a = out_of(r, grown)
     w = (w[0] + a[0], w[1] + a[1], w[2] + a[2])
     v = (v[0] + gain[0], v[1] + gain[1], v[2] + gain[2])
     return (p[0] + dt * v[0], p[1] + dt * v[1], p[2] + dt * v[2]), v, w

@@ -34,8 +34,8 @@ from camnet.batch.state import (
     WAS_SEEN,
     State,
 )
-from camnet.batch.triples import Quaternion, multiply, rotate, rotate_inverse
 from camnet.geometry.spacing import least_distance
+from camnet.geometry.triples import Quaternion, multiply, rotate, rotate_inverse
 from camnet.types import Array
 
 __all__ = ["after_control", "after_sense", "reward_of"]

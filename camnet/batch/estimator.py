@@ -54,10 +54,10 @@ from camnet.batch.estimator_learn import lose, note_pose, refresh_prior
 from camnet.batch.estimator_measured import active_sigma, align, correct_seen, learn, resight
 from camnet.batch.estimator_model import settle
 from camnet.batch.estimator_motion import advance, integrate
-from camnet.batch.triples import size
 from camnet.estimation.learning_estimator import MAX_STEP_S
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, REMEMBERED_GAPS
+from camnet.geometry.triples import size
 from camnet.types import Array, IntArray
 
 __all__ = [

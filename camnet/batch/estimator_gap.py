@@ -22,10 +22,11 @@ from camnet.batch.estimator_layout import (
 )
 from camnet.batch.estimator_learn import fit_held, misfit
 from camnet.batch.estimator_model import activate
-from camnet.batch.triples import Triple, cross, multiply, rotation_vector, size, turn
+from camnet.batch.triples import cross, turn
 from camnet.estimation.gap import SUBSTEPS
 from camnet.estimation.learner import KNOWN_WITHIN
 from camnet.estimation.propagate import UNIT
+from camnet.geometry.triples import Triple, log, multiply, size
 from camnet.types import Array, IntArray
 
 __all__ = ["bridge", "path_windows"]
@@ -35,7 +36,7 @@ __all__ = ["bridge", "path_windows"]
 def _whole_turn(exit_: Array, entry: Array) -> Triple:
     """Rotation vector from exit to entry, with the number of full turns that the body rates suggest."""
     back = (exit_[4], -exit_[5], -exit_[6], -exit_[7])
-    theta = rotation_vector(multiply(back, (entry[4], entry[5], entry[6], entry[7])))
+    theta = log(multiply(back, (entry[4], entry[5], entry[6], entry[7])))
     half = 0.5 * (entry[0] - exit_[0])
     expected = (
         half * (exit_[11] + entry[11]),
@@ -134,7 +135,7 @@ def _increment(a: Array, b: Array, duration: float, out: Array) -> None:
     """Write the increment (8,) from pose ``a`` to pose ``b``, both (7,)."""
     for i in range(3):
         out[i] = b[i] - a[i]
-    out[3], out[4], out[5] = rotation_vector(multiply((a[3], -a[4], -a[5], -a[6]), (b[3], b[4], b[5], b[6])))
+    out[3], out[4], out[5] = log(multiply((a[3], -a[4], -a[5], -a[6]), (b[3], b[4], b[5], b[6])))
     out[6], out[UNIT] = 0.0, duration
 
 

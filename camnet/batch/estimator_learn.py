@@ -38,7 +38,7 @@ from camnet.batch.estimator_layout import (
     sigma_of,
     weights_of,
 )
-from camnet.batch.triples import multiply, rotate, rotation_vector, turn
+from camnet.batch.triples import turn
 from camnet.estimation.learner import (
     CHANGE_AFTER,
     KNOWN_WITHIN,
@@ -49,6 +49,7 @@ from camnet.estimation.learner import (
 )
 from camnet.estimation.propagate import COLUMNS, UNIT
 from camnet.estimation.road_prior import RoadMap, offset_of
+from camnet.geometry.triples import log, multiply, rotate
 from camnet.types import Array, IntArray
 
 __all__ = [
@@ -81,7 +82,7 @@ def fit_motion(history: Array, n: int, t_eval: float, out: Array) -> None:
         x, y, z = history[i, 1], history[i, 2], history[i, 3]
         px, py, pz = px + x, py + y, pz + z
         vx, vy, vz = vx + late * x, vy + late * y, vz + late * z
-        a, b, c = rotation_vector(multiply(ref, (history[i, 4], history[i, 5], history[i, 6], history[i, 7])))
+        a, b, c = log(multiply(ref, (history[i, 4], history[i, 5], history[i, 6], history[i, 7])))
         ax, ay, az = ax + a, ay + b, az + c
         wx, wy, wz = wx + late * a, wy + late * b, wz + late * c
     v = (vx / variance, vy / variance, vz / variance)
@@ -244,7 +245,7 @@ def _close_window(c: Rules, d: Array, row: Array, increment: Array) -> None:
     s0 = 1.0 / math.sqrt(first[4] ** 2 + first[5] ** 2 + first[6] ** 2 + first[7] ** 2)
     s1 = 1.0 / math.sqrt(last[4] ** 2 + last[5] ** 2 + last[6] ** 2 + last[7] ** 2)
     back = (s0 * first[4], -s0 * first[5], -s0 * first[6], -s0 * first[7])
-    turned = rotation_vector(multiply(back, (s1 * last[4], s1 * last[5], s1 * last[6], s1 * last[7])))
+    turned = log(multiply(back, (s1 * last[4], s1 * last[5], s1 * last[6], s1 * last[7])))
     increment[3], increment[4], increment[5] = turned
     increment[UNIT] = last[0] - first[0]
 

@@ -39,11 +39,11 @@ from camnet.batch.estimator_learn import interrupt, next_window, refresh_prior
 from camnet.batch.estimator_model import activate, refresh, step
 from camnet.batch.estimator_motion import blend, due_steps, heading
 from camnet.batch.estimator_stack import forget, learn_window, open_books
-from camnet.batch.triples import Quaternion, multiply, size
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.propagate import COLUMNS, UNIT
 from camnet.estimation.radius import MEMORY, REMEMBERED_GAPS
 from camnet.estimation.vector_rows import picked_rows
+from camnet.geometry.triples import Quaternion, multiply, size
 from camnet.types import Array, IntArray
 
 __all__ = ["active_sigma", "align", "correct_seen", "learn", "resight"]

@@ -29,12 +29,13 @@ from camnet.batch.estimator_layout import (
 )
 from camnet.batch.estimator_learn import refresh_prior, road_offset
 from camnet.batch.estimator_model import step
-from camnet.batch.triples import Quaternion, Triple, multiply, rotate, rotate_inverse, turn
+from camnet.batch.triples import turn
 from camnet.estimation.learning_estimator import MAX_STEP_S
 from camnet.estimation.projection import axis_factor
 from camnet.estimation.propagate import POSE_LAYER_M, UNIT
 from camnet.estimation.road_prior import RoadMap, steer
 from camnet.estimation.vector_rows import picked_rows
+from camnet.geometry.triples import Quaternion, Triple, multiply, rotate, rotate_inverse
 from camnet.types import Array, IntArray
 
 __all__ = ["advance", "blend", "due_steps", "heading", "integrate"]

@@ -34,13 +34,14 @@ from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
 from camnet.batch.sense import sense
 from camnet.batch.state import State
-from camnet.batch.triples import Quaternion, Triple, cosine_and_sine, multiply, turn
+from camnet.batch.triples import cosine_and_sine, turn
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.projection import axis_factor
 from camnet.estimation.propagate import POSE_LAYER_M
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
 from camnet.estimation.road_prior import RoadMap, offset_of, turning_rate
+from camnet.geometry.triples import Quaternion, Triple, multiply
 from camnet.types import Array, IntArray
 
 __all__ = ["Frozen", "decide"]

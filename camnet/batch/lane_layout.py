@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from camnet.batch.compiled import inlined, inner
-from camnet.batch.triples import Quaternion, Triple
+from camnet.geometry.triples import Quaternion, Triple
 from camnet.types import Array
 
 __all__ = [

@@ -34,7 +34,8 @@ from camnet.batch.lane_layout import (
     put,
 )
 from camnet.batch.reference import TOLERANCE, gaze_step, gentle_stop, moved, pointing, stop, wanted
-from camnet.batch.triples import Triple, circle, even_rotation_vector, multiply, rotate_inverse, tanh
+from camnet.batch.triples import circle, even_rotation_vector, tanh
+from camnet.geometry.triples import Triple, multiply, rotate_inverse
 from camnet.types import Array
 
 __all__ = ["ask_lanes", "follow_lanes"]

@@ -61,7 +61,8 @@ from camnet.batch.lane_layout import (
     put,
     put_four,
 )
-from camnet.batch.triples import SMALL, Triple, circle, rotate_inverse, small_circle, small_turn
+from camnet.batch.triples import SMALL, circle, small_circle, small_turn
+from camnet.geometry.triples import Triple, rotate_inverse
 from camnet.types import Array
 
 __all__ = ["fly_lanes", "note_joints"]

@@ -45,7 +45,7 @@ from camnet.batch.observe import observe
 from camnet.batch.random import normal
 from camnet.batch.reference import position_step
 from camnet.batch.state import COUNT, CYCLE, RETURN, State
-from camnet.batch.triples import Triple
+from camnet.geometry.triples import Triple
 from camnet.types import Array
 
 __all__ = ["begin", "finish", "fly_once", "place_cameras", "sensing_due"]

@@ -14,7 +14,7 @@ from camnet.batch.compiled import inner
 from camnet.batch.network import Model
 from camnet.batch.sense import contains, distance_to
 from camnet.batch.state import State
-from camnet.batch.triples import Quaternion, rotate
+from camnet.geometry.triples import Quaternion, rotate
 from camnet.types import Array
 
 __all__ = ["OWN_FIELDS", "TARGET_FIELDS", "due", "find_entries", "forget_entries", "observe"]

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inlined, outer
-from camnet.batch.triples import Quaternion, Triple, multiply, rotate_inverse, rotation_vector, size
+from camnet.geometry.triples import Quaternion, Triple, log, multiply, rotate_inverse, size
 from camnet.types import Array, IntArray
 
 __all__ = ["command_of", "gaze_motion", "gaze_step", "position_step"]
@@ -252,7 +252,7 @@ def command_of(
     """u_l, u_a and the position error e_l; ``gains`` is k1, d_bar (linear), d_bar (angular), boundary layer."""
     k1, d_l, d_a, layer = gains[0], gains[1], gains[2], gains[3]
     off = multiply((q_d[0], -q_d[1], -q_d[2], -q_d[3]), q)
-    e_a = rotation_vector(off)
+    e_a = log(off)
     ahead = rotate_inverse(off, w_d)
     e_l = (p[0] - p_d[0], p[1] - p_d[1], p[2] - p_d[2])  # (4-3)
     u_l = (

@@ -16,8 +16,9 @@ from camnet.batch.network import CYLINDER, POLYTOPE, Model
 from camnet.batch.random import normal, uniform
 from camnet.batch.reference import clearance
 from camnet.batch.state import State
-from camnet.batch.triples import Quaternion, Triple, multiply, rotate, rotate_inverse, turn
+from camnet.batch.triples import turn
 from camnet.geometry.polytope import signed_distance
+from camnet.geometry.triples import Quaternion, Triple, multiply, rotate, rotate_inverse
 from camnet.types import Array
 
 __all__ = ["contains", "distance_to", "sense"]

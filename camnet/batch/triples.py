@@ -1,6 +1,6 @@
-"""Vectors and quaternions as tuples of numbers, for loops in which an array would cost more than its arithmetic.
+"""Circles and turns without a branch or a call: what loops over lanes need beside `camnet.geometry.triples`.
 
-Names and meaning as in `camnet.geometry.rotations`, which is the test oracle; quaternions are w, x, y, z.
+The test oracle is `camnet.geometry.rotations`; quaternions are w, x, y, z.
 """
 
 from __future__ import annotations
@@ -10,28 +10,20 @@ import math
 import numpy as np
 
 from camnet.batch.compiled import inlined, outer
+from camnet.geometry.triples import Quaternion, Triple
 
 __all__ = [
     "SMALL",
-    "Quaternion",
-    "Triple",
     "circle",
     "cosine_and_sine",
     "cross",
     "even_rotation_vector",
-    "multiply",
-    "rotate",
-    "rotate_inverse",
-    "rotation_vector",
-    "size",
     "small_circle",
     "small_turn",
     "tanh",
     "turn",
 ]
 
-Triple = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 #: up to this angle, rad, the series to the eighth power is exact to the last bit
 SMALL = 0.1
 #: 1 / n! with the series' signs
@@ -49,40 +41,9 @@ _QUARTER_REST, _QUARTERS = (0.5 * math.pi - _QUARTER) + 6.123233995736766e-17, 2
 
 
 @inlined
-def size(x: float, y: float, z: float) -> float:
-    """Length of a vector."""
-    return math.sqrt(x * x + y * y + z * z)
-
-
-@inlined
 def cross(a: Triple, b: Triple) -> Triple:
     """Cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product ``a b``."""
-    return (
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-    )
-
-
-@inlined
-def rotate(q: Quaternion, v: Triple) -> Triple:
-    """``R(q) v``."""
-    w, x, y, z = q
-    tx, ty, tz = 2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])
-    return v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx
-
-
-@inlined
-def rotate_inverse(q: Quaternion, v: Triple) -> Triple:
-    """``R(q)^T v``."""
-    return rotate((q[0], -q[1], -q[2], -q[3]), v)
 
 
 @inlined
@@ -144,23 +105,9 @@ def turn(x: float, y: float, z: float) -> Quaternion:
     return math.cos(0.5 * angle), scale * x, scale * y, scale * z
 
 
-@outer
-def rotation_vector(q: Quaternion) -> Triple:
-    """Rotation vector of the shorter turn, rad."""
-    sign = -1.0 if q[0] < 0.0 else 1.0
-    sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    cosine = sign * q[0]
-    if sine < 1e-4:
-        scale = 2.0 / (cosine if cosine != 0.0 else 1.0) * (1.0 - sine * sine / 3.0)
-    else:
-        scale = 2.0 * math.atan2(sine, cosine) / sine
-    scale *= sign
-    return scale * q[1], scale * q[2], scale * q[3]
-
-
 @inlined
 def even_rotation_vector(q: Quaternion) -> Triple:
-    """`rotation_vector` without a branch: the angle is halved three times, then the arc tangent's series holds."""
+    """`camnet.geometry.triples.log` without a branch: the angle is halved three times, then it is a series."""
     a = math.sqrt(0.5 + 0.5 * abs(q[0]))
     b = math.sqrt(0.5 + 0.5 * a)
     c = math.sqrt(0.5 + 0.5 * b)

@@ -1,7 +1,8 @@
 """Vectors and quaternions as tuples of numbers, for kernels in which an array would cost more than its arithmetic.
 
 Names and meaning as in `camnet.geometry.rotations_compiled`, the test oracle. What is decorated with `borrowing` makes
-no array and returns none: it is compiled without the counting of references, which would be most of its code.
+no array and returns none: it is compiled without the counting of references, which would be most of its code. What is
+`inlined` becomes part of whatever calls it as well, so that loops over it become vector instructions.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ __all__ = [
     "borrowing",
     "conjugate",
     "exp",
+    "inlined",
     "into",
     "log",
     "matrix",
@@ -30,6 +32,7 @@ __all__ = [
     "quaternion",
     "rotate",
     "rotate_inverse",
+    "size",
     "triple",
 ]
 
@@ -51,6 +54,12 @@ def borrowing(function: _Kernel) -> _Kernel:
     return compiled
 
 
+def inlined(function: _Kernel) -> _Kernel:
+    """Compile the same as part of whatever calls it."""
+    compiled: _Kernel = njit(**_OPTIONS, forceinline=True)(function)
+    return compiled
+
+
 @borrowing
 def triple(a: Array, n: int, k: int) -> Triple:
     """Three numbers from column ``k`` on of row ``n``."""
@@ -63,13 +72,19 @@ def quaternion(a: Array, n: int, k: int) -> Quaternion:
     return a[n, k], a[n, k + 1], a[n, k + 2], a[n, k + 3]
 
 
-@borrowing
+@inlined
+def size(x: float, y: float, z: float) -> float:
+    """Length of a vector of three numbers."""
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@inlined
 def norm(v: Triple) -> float:
     """Length of a vector."""
-    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    return size(v[0], v[1], v[2])
 
 
-@borrowing
+@inlined
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product ``a b``."""
     return (
@@ -80,13 +95,13 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@borrowing
+@inlined
 def conjugate(q: Quaternion) -> Quaternion:
     """Inverse of a unit quaternion."""
     return q[0], -q[1], -q[2], -q[3]
 
 
-@borrowing
+@inlined
 def rotate(q: Quaternion, v: Triple) -> Triple:
     """``R(q) v``."""
     w, x, y, z = q
@@ -94,7 +109,7 @@ def rotate(q: Quaternion, v: Triple) -> Triple:
     return v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx
 
 
-@borrowing
+@inlined
 def rotate_inverse(q: Quaternion, v: Triple) -> Triple:
     """``R(q)^T v``."""
     return rotate(conjugate(q), v)
@@ -121,7 +136,7 @@ def exp(v: Triple) -> Quaternion:
     return math.cos(0.5 * angle), scale * v[0], scale * v[1], scale * v[2]
 
 
-@borrowing
+@inlined
 def matrix(q: Quaternion) -> Matrix:
     """Rotation matrix."""
     w, x, y, z = q
@@ -132,7 +147,7 @@ def matrix(q: Quaternion) -> Matrix:
     )
 
 
-@borrowing
+@inlined
 def out_of(r: Matrix, v: Triple) -> Triple:
     """``r v``."""
     return (
@@ -142,7 +157,7 @@ def out_of(r: Matrix, v: Triple) -> Triple:
     )
 
 
-@borrowing
+@inlined
 def into(r: Matrix, v: Triple) -> Triple:
     """``r^T v``."""
     return (

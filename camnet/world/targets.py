@@ -37,7 +37,7 @@ class Targets:
     Parameters
     ----------
     names, motions : of the M targets
-    dt_s : control period
+    dt_s : control period, s
     """
 
     def __init__(self, names: Sequence[str], motions: Sequence[TargetMotion], dt_s: float) -> None:
