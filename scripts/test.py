@@ -18,7 +18,7 @@ def main() -> None:
     _environment.run("-m", "ruff", "format", "--check", ".")
     _environment.run("-m", "mypy")
     _environment.run("-c", "from importlinter.cli import lint_imports_command as c; c()")
-    _environment.run("-m", "pytest", "-n", "2", "--dist", "loadgroup", "-q", *arguments)
+    _environment.run("-m", "pytest", "-n", "2", "--dist", "loadscope", "-q", *arguments)
 
 
 if __name__ == "__main__":

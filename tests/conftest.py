@@ -24,23 +24,39 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the long reproductions too")
 
 
-#: what compiles the same large kernels runs in one worker, since each worker compiles for itself
+#: what compiles the same large kernels runs in one worker, since each worker compiles for itself; the longest first
 _TOGETHER = {
-    "batch": ("batch/", "training/"),
-    "adate": ("adate/", "visual/", "estimation/test_adate_filter.py"),
+    "batch": ("batch/", "training/", "agents/", "evaluation/"),
+    "flight": ("env/", "simulation/", "control/", "cli/"),
+    "adate": ("adate/", "visual/", "kalman/", "estimation/test_adate_filter.py"),
 }
 
 
-def _keep_together(items: list[pytest.Item]) -> None:
-    for item in items:
-        place = item.path.relative_to(ROOT / "tests").as_posix()
-        for name, places in _TOGETHER.items():
-            if place.startswith(places):
-                item.add_marker(pytest.mark.xdist_group(name))
+def _group(nodeid: str) -> str:
+    """Name of what a test runs together with: a line of the table, else its folder."""
+    place = nodeid.removeprefix("tests/")
+    named = (name for name, places in _TOGETHER.items() if place.startswith(places))
+    return next(named, place.split("/")[0])
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object | None:
+    """Hand out whole groups with ``--dist loadscope`` (the marks of ``loadgroup`` are lost on pytest 9.2)."""
+    if config.getvalue("dist") != "loadscope":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return _group(nodeid)
+
+    config.option.loadscopereorder = False  # in the order of collection
+    return Groups(config, log)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    _keep_together(items)
+    order = list(_TOGETHER)
+    items.sort(key=lambda item: order.index(g) if (g := _group(item.nodeid)) in order else len(order))
     if config.getoption("--slow"):
         return
     skip = pytest.mark.skip(reason="long reproduction: run with --slow")
