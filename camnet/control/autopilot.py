@@ -39,15 +39,33 @@ class Autopilot:
         self.monitor, self._references = monitor, references
         rows = state.rows
         self._goals, self._looks = np.zeros((len(rows), 3)), np.zeros((len(rows), 2))
-        #: what `begin_flight` takes between the monitor's period and the world's arrays
-        self.packed: tuple[Any, ...] = (
-            rows,
-            self._goals,
-            self._looks,
-            *references.packed,
-            *controller.packed,
-            *monitor.buffers,
+        planes, plane_ends, discs, polygons, polygon_ends, margin, limits, gaze_limits, dt_s, yaw = (
+            references.packed
         )
+        gains, code = controller.packed
+        truth, command, error, reference = monitor.buffers
+        #: its part of a `camnet.control.period_kernel.Cockpit`, by name
+        self.packed: dict[str, Any] = {
+            "rows": rows,
+            "goals": self._goals,
+            "looks": self._looks,
+            "planes": planes,
+            "plane_ends": plane_ends,
+            "discs": discs,
+            "polygons": polygons,
+            "polygon_ends": polygon_ends,
+            "margin": margin,
+            "limits": limits,
+            "gaze_limits": gaze_limits,
+            "dt_s": dt_s,
+            "yaw": yaw,
+            "gains": gains,
+            "code": code,
+            "truth": truth,
+            "command": command,
+            "error": error,
+            "reference": reference,
+        }
 
     def ask(self, p_world: Array, gaze_rad: Array) -> None:
         """Take setpoints: positions (N,3), m, and gazes (N,2), rad."""

@@ -25,6 +25,7 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import wrappers
 from pettingzoo.utils.conversions import parallel_to_aec
 
+from camnet.batch.row_bank import row_filters, rows_can
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
 from camnet.control.setpoints import Setpoint
@@ -42,8 +43,9 @@ from camnet.env.state import StateEncoder
 from camnet.errors import ConfigError
 from camnet.report.frame import MapPainter
 from camnet.simulation.coordination import Task
-from camnet.simulation.loop import Setpoints
-from camnet.simulation.run import open_simulation
+from camnet.simulation.loop import NetworkSimulation, Setpoints
+from camnet.simulation.network import build_network
+from camnet.world.pybullet import PyBulletWorld
 
 __all__ = ["HandoffEnv", "env", "parallel_env", "raw_env"]
 
@@ -109,7 +111,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
 
     def _open(self, scenario: Scenario) -> None:
         """Build the simulation of a scenario and everything that looks at it."""
-        self.simulation = open_simulation(scenario, scenario.seed, (self._filter_name,))
+        self.simulation = _open_simulation(scenario, self._filter_name)
         self.observer = Observer(self.simulation, self.settings)
         self._state = StateEncoder(self.simulation)
         self._mode = action_mode(self.simulation, self.settings, self.possible_agents)
@@ -297,6 +299,14 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
     def close(self) -> None:
         """Free the physics engine."""
         self.simulation.world.close()
+
+
+def _open_simulation(scenario: Scenario, filter_name: str) -> NetworkSimulation:
+    """Build network and world; the learning estimator is in rows of arrays where its settings allow."""
+    network = build_network(scenario)
+    makers = {"learned": row_filters} if filter_name == "learned" and rows_can(network) else {}
+    world = PyBulletWorld(network.description)
+    return NetworkSimulation(network, world, (filter_name,), scenario.seed, makers)
 
 
 def _checked_seed(seed: int) -> int:

@@ -32,7 +32,7 @@ from camnet.estimation.learner import Learner, RegionMemory
 from camnet.estimation.measured_step import measured_step
 from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
 from camnet.estimation.pace import scaled
-from camnet.estimation.propagate import COLUMNS, PRIORS, advance, model_twist, roll_out
+from camnet.estimation.propagate import COLUMNS, PRIORS, TWIST_OUTPUTS, UNIT, advance, model_twist, roll_out
 from camnet.estimation.protocol import Rollout
 from camnet.estimation.road_prior import map_of, offset_of
 from camnet.estimation.settings import EstimatorSettings
@@ -158,6 +158,17 @@ class LearningEstimator:
     def model(self, region: int) -> MotionModel:
         """Return what was learned in ``region``."""
         return self._memory_of(region).model
+
+    def excitation(self, region: int) -> tuple[float, float]:
+        """See `camnet.estimation.protocol.Learns`."""
+        model = self.model(region)
+        return min(model.integral.excited_s, model.instantaneous.excited_s), model.visited.since_s
+
+    def weight_norm(self, region: int) -> float:
+        """See `camnet.estimation.protocol.Learns`."""
+        model = self.model(region)
+        outputs = TWIST_OUTPUTS if model.form == "twist" else UNIT
+        return float(np.linalg.norm(model.weights[:, :outputs]))
 
     def rollout(self, horizon_s: float, dt_s: float) -> Rollout:
         """See ``TargetFilter.rollout``."""

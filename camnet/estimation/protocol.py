@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 
 from camnet.types import Array, PoseMeasurement, TargetEstimate
 
-__all__ = ["Rollout", "TargetFilter"]
+__all__ = ["Learns", "Rollout", "TargetFilter"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -56,3 +56,14 @@ class TargetFilter(Protocol):
 
     def diagnostics(self) -> dict[str, float]:
         """Figures about the inner state (sizes, eigenvalues, norms), for logs."""
+
+
+@runtime_checkable
+class Learns(Protocol):
+    """An estimator that learns, and can say how far certificates may rely on it (harris2020, Assumption 4.7)."""
+
+    def excitation(self, region: int) -> tuple[float, float]:
+        """Since when, s, a region's model holds a stack of full rank, and excites the places visited (inf: not)."""
+
+    def weight_norm(self, region: int) -> float:
+        """Norm of the weights of a region's model that are bounded by its projection."""

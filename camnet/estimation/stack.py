@@ -22,7 +22,7 @@ from numba import njit
 from camnet.estimation.selection import SelectionRule
 from camnet.types import Array, BoolArray
 
-__all__ = ["Change", "HistoryStack"]
+__all__ = ["Change", "HistoryStack", "is_excited"]
 
 #: a change of a stack: rows that entered (+1) and left (-1)
 Change = tuple[tuple[Array, float], ...]
@@ -38,6 +38,17 @@ def _accumulate(gram: Array, moment: Array, y: Array, d: Array, sign: float) -> 
                 gram[i, j] += share * y[j]
             for j in range(len(d)):
                 moment[i, j] += share * d[j]
+
+
+def is_excited(gram: Array, threshold: float) -> bool:
+    """(3-19): lambda_min(S) >= lambda_lo exactly when S - lambda_lo I has a Cholesky factor."""
+    if float(gram.diagonal().min()) < threshold:
+        return False
+    try:
+        np.linalg.cholesky(gram - threshold * np.eye(len(gram)))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 class HistoryStack:
@@ -122,14 +133,9 @@ class HistoryStack:
         _accumulate(self.gram, self.moment, y, d, 1.0)
 
     def _check_excitation(self, t_s: float) -> None:
-        """(3-19): lambda_min(S) >= lambda_lo exactly when S - lambda_lo I has a Cholesky factor."""
-        if math.isfinite(self.excited_s) or float(self.gram.diagonal().min()) < self._threshold:
-            return
-        try:
-            np.linalg.cholesky(self.gram - self._threshold * np.eye(len(self.gram)))
-        except np.linalg.LinAlgError:
-            return
-        self.excited_s = t_s
+        """(3-19)."""
+        if math.isinf(self.excited_s) and is_excited(self.gram, self._threshold):
+            self.excited_s = t_s
 
     def lambda_min(self) -> float:
         """Smallest eigenvalue of ``gram``; computed when the stack has changed since."""

@@ -19,8 +19,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numba import njit as _njit
-from numba import types as _types
 from numba import typeof as _typeof
+from numba import types as _types
 from numba.core import cgutils as _cgutils
 from numba.extending import intrinsic as _intrinsic
 

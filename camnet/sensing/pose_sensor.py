@@ -12,44 +12,53 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
+from camnet.geometry.pinned import Pins
 from camnet.geometry.triples import borrowing, conjugate, exp, multiply, quaternion, rotate
 from camnet.sensing.settings import SensingSettings
 from camnet.types import Array, BoolArray, CameraMotion, IntArray, PoseMeasurement, Snapshot
 
-__all__ = ["PoseSensor", "camera_motion"]
+__all__ = ["PoseSensor", "camera_motion", "measure_frame"]
 
 #: times within this many frame periods of a frame count as on it
 _EARLY = 1e-6
 _EARLY_S = 1e-9
 
 
-@borrowing
-def _measure(
-    visible: BoolArray,
-    kept: Array,
-    least: float,
-    normal: Array,
-    scale: Array,
-    camera_p: Array,
-    camera_q: Array,
-    target_p: Array,
-    target_q: Array,
-    out: Array,
-    pairs: IntArray,
-) -> int:
-    """Count of the measurements: their poses in the first rows of ``out`` (C M, 7), camera and target in ``pairs``.
+class _Frame(NamedTuple):
+    """Noise of a frame and what is measured in it.
 
-    A visible pair is measured where its ``kept`` (C, M) is at least ``least``; ``normal`` (C, M, 6) makes the noise.
+    A visible pair is measured where its ``kept`` (C,M) is at least ``least``; ``normal`` (C,M,6) times ``scale`` (6,)
+    is the noise. Poses come in the first rows of ``out`` (C M, 7), camera and target in ``pairs`` (C M, 2).
     """
-    count = 0
+
+    kept: Array
+    least: float
+    normal: Array
+    scale: Array
+    out: Array
+    pairs: IntArray
+
+
+_PINS = Pins(_Frame)
+_frame = _PINS.of
+
+
+@borrowing
+def measure_frame(
+    at: int, visible: BoolArray, camera_p: Array, camera_q: Array, target_p: Array, target_q: Array
+) -> int:
+    """Write the measurements of a frame; how many there are."""
+    x = _frame(at)
+    count, scale = 0, x.scale
     for c in range(visible.shape[0]):
         for m in range(visible.shape[1]):
-            if visible[c, m] and kept[c, m] >= least:
-                pairs[count, 0], pairs[count, 1] = c, m
-                inverse, n = conjugate(quaternion(camera_q, c, 0)), normal[c, m]
+            if visible[c, m] and x.kept[c, m] >= x.least:
+                x.pairs[count, 0], x.pairs[count, 1] = c, m
+                inverse, n = conjugate(quaternion(camera_q, c, 0)), x.normal[c, m]
                 way = (
                     target_p[m, 0] - camera_p[c, 0],
                     target_p[m, 1] - camera_p[c, 1],
@@ -59,9 +68,9 @@ def _measure(
                 turn = exp((n[3] * scale[3], n[4] * scale[4], n[5] * scale[5]))
                 q_cam = multiply(turn, multiply(inverse, quaternion(target_q, m, 0)))
                 for i in range(3):
-                    out[count, i] = p_cam[i] + n[i] * scale[i]
+                    x.out[count, i] = p_cam[i] + n[i] * scale[i]
                 for i in range(4):
-                    out[count, 3 + i] = q_cam[i]
+                    x.out[count, 3 + i] = q_cam[i]
                 count += 1
     return count
 
@@ -78,10 +87,17 @@ class PoseSensor:
     def __init__(self, settings: SensingSettings, n_targets: int, n_cameras: int) -> None:
         self._settings = settings
         self._shape = (n_cameras, n_targets)
-        self._scale = np.repeat([settings.position_noise_m, settings.orientation_noise_rad], 3)
-        size = self._shape[0] * self._shape[1]
+        size = n_cameras * n_targets
         self._normal, self._kept = np.empty((*self._shape, 6)), np.empty(self._shape)
-        self._pairs: IntArray = np.empty((size, 2), dtype=np.int64)
+        #: as `measure_frame` left them: relative poses (C M,7), camera and target (C M,2)
+        self.poses: Array = np.empty((size, 7))
+        self.pairs: IntArray = np.empty((size, 2), dtype=np.int64)
+        scale = np.repeat([settings.position_noise_m, settings.orientation_noise_rad], 3)
+        least = settings.dropout_probability
+        frame = _Frame(self._kept, least, self._normal, scale, self.poses, self.pairs)
+        self._pinned = _PINS.pin(frame)
+        #: address of the frame, for `measure_frame`
+        self.at = self._pinned.at
         self._pending: deque[PoseMeasurement] = deque()
         self._last_frame = -1
 
@@ -116,25 +132,26 @@ class PoseSensor:
     def _frame(self, t_s: float) -> int:
         return math.floor(t_s * self._settings.rate_hz + _EARLY)
 
-    def _take(self, snapshot: Snapshot, visible: BoolArray, rng: np.random.Generator) -> None:
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw the random numbers of a frame."""
         rng.standard_normal(out=self._normal)
         rng.random(out=self._kept)
-        out = np.empty((self._kept.size, 7))
-        count = _measure(
+
+    def _take(self, snapshot: Snapshot, visible: BoolArray, rng: np.random.Generator) -> None:
+        self.draw(rng)
+        count = measure_frame(
+            self.at,
             visible,
-            self._kept,
-            self._settings.dropout_probability,
-            self._normal,
-            self._scale,
             snapshot.camera_p_world,
             snapshot.camera_q_world,
             snapshot.target_p_world,
             snapshot.target_q_world,
-            out,
-            self._pairs,
         )
+        if count == 0:
+            return
+        out = self.poses[:count].copy()
         motion, of = None, -1
-        for (c, m), pose in zip(self._pairs[:count].tolist(), out[:count], strict=True):
+        for (c, m), pose in zip(self.pairs[:count].tolist(), out, strict=True):
             if motion is None or c != of:
                 motion, of = camera_motion(snapshot, c), c
             self._pending.append(PoseMeasurement(snapshot.t_s, c, m, pose[:3], pose[3:], motion))

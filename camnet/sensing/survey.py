@@ -7,14 +7,51 @@ the frusta.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
+from camnet.geometry.pinned import Pins
 from camnet.geometry.triples import Triple, borrowing, into, matrix, norm, out_of, quaternion, triple
-from camnet.types import Array, BoolArray, IntArray
+from camnet.types import Array, BoolArray, IntArray, Snapshot
 
-__all__ = ["first_seers", "survey"]
+__all__ = ["Lookout", "Survey", "first_seers", "survey_truth"]
+
+
+class Survey(NamedTuple):
+    """What `Lookout.look` finds; of several regions or cameras the first counts, -1: none.
+
+    Attributes
+    ----------
+    visible : (C,M) which camera sees which target
+    outside : (N,) which agents are outside their regions
+    region, seen_by : for each target
+    spacing_m : least distance between two agents, m
+    """
+
+    visible: BoolArray
+    outside: BoolArray
+    region: IntArray
+    seen_by: list[int]
+    spacing_m: float
+
+
+class _Facts(NamedTuple):
+    """Corners (C,3) of the boxes about the regions, frusta and features as in ``VisibilityTest.packed``; results."""
+
+    low: Array
+    high: Array
+    a: Array
+    b: Array
+    features: Array
+    first: IntArray
+    visible: BoolArray
+    outside: BoolArray
+    who: IntArray
+
+
+_PINS = Pins(_Facts)
+_facts = _PINS.of
 
 
 @borrowing
@@ -62,71 +99,88 @@ def _sees(
 
 
 @borrowing
-def _survey(
+def survey_truth(
+    at: int,
     agent_p: Array,
     camera_p: Array,
     camera_q: Array,
     target_p: Array,
     target_q: Array,
-    low: Array,
-    high: Array,
     exceptions: BoolArray,
     working: BoolArray,
-    a: Array,
-    b: Array,
-    features: Array,
-    first: IntArray,
-    visible: BoolArray,
-    outside: BoolArray,
-    who: IntArray,
 ) -> float:
-    """Write what `survey` returns; the least distance between two agents, m."""
+    """Write what `Lookout.look` returns; the least distance between two agents, m."""
+    x = _facts(at)
     n_targets, n_agents = target_p.shape[0], agent_p.shape[0]
     for m in range(n_targets):
-        who[0, m] = who[1, m] = -1
+        x.who[0, m] = x.who[1, m] = -1
         for c in range(camera_p.shape[0] - 1, -1, -1):
-            inside = _in_box(target_p, m, low, high, c) and not exceptions[m, c]
+            inside = _in_box(target_p, m, x.low, x.high, c) and not exceptions[m, c]
             if inside:
-                who[0, m] = c
+                x.who[0, m] = c
             may = working[c] and (inside or c >= n_agents)
-            visible[c, m] = may and _sees(c, m, camera_p, camera_q, target_p, target_q, a, b, features, first)
-            if visible[c, m]:
-                who[1, m] = c
+            x.visible[c, m] = may and _sees(
+                c, m, camera_p, camera_q, target_p, target_q, x.a, x.b, x.features, x.first
+            )
+            if x.visible[c, m]:
+                x.who[1, m] = c
     least = math.inf
     for j in range(n_agents):
-        outside[j] = not _in_box(agent_p, j, low, high, j) or exceptions[n_targets + j, j]
-        x = triple(agent_p, j, 0)
+        x.outside[j] = not _in_box(agent_p, j, x.low, x.high, j) or exceptions[n_targets + j, j]
+        p = triple(agent_p, j, 0)
         for i in range(j):
             y = triple(agent_p, i, 0)
-            least = min(least, norm((x[0] - y[0], x[1] - y[1], x[2] - y[2])))
+            least = min(least, norm((p[0] - y[0], p[1] - y[1], p[2] - y[2])))
     return least
 
 
-def survey(
-    agent_p: Array,
-    camera_p: Array,
-    camera_q: Array,
-    target_p: Array,
-    target_q: Array,
-    *facts: Any,  # noqa: ANN401 - as listed
-) -> tuple[BoolArray, BoolArray, IntArray, float]:
-    """Visible pairs (C,M), agents (N,) outside their regions, region and seer (2,M) of the targets, least distance.
-
-    Of several regions or cameras the first counts; -1: none. The distance is that between two agents, m.
+class Lookout:
+    """Looks at the truth of N agents, C cameras and M targets.
 
     Parameters
     ----------
-    agent_p, camera_p, camera_q, target_p, target_q : the truth of N agents, C cameras, M targets
-    facts : corners (C,3), (C,3) of the boxes about the regions; who (M + N, C) is not in a region though in its box,
-        targets first; which cameras (C,) work; frusta and features (`camnet.sensing.visibility.VisibilityTest.packed`)
+    low, high : (C,3) corners of the boxes about the regions, m
+    n_agents : N
+    packed : frusta and features, as in `camnet.sensing.visibility.VisibilityTest.packed`
     """
-    cameras, targets = len(camera_p), len(target_p)
-    visible = np.empty((cameras, targets), dtype=np.bool_)
-    outside = np.empty(len(agent_p), dtype=np.bool_)
-    who = np.empty((2, targets), dtype=np.int64)
-    truth = (agent_p, camera_p, camera_q, target_p, target_q)
-    everything: tuple[Any, ...] = (*truth, *facts, visible, outside, who)
-    return visible, outside, who, _survey(*everything)
+
+    def __init__(
+        self, low: Array, high: Array, n_agents: int, packed: tuple[Array, Array, Array, IntArray]
+    ) -> None:
+        targets = len(packed[3]) - 1
+        #: as `survey_truth` left it
+        self.visible: BoolArray = np.zeros((len(low), targets), dtype=np.bool_)
+        self._outside: BoolArray = np.zeros(n_agents, dtype=np.bool_)
+        self._who: IntArray = np.zeros((2, targets), dtype=np.int64)
+        self._pinned = _PINS.pin(_Facts(low, high, *packed, self.visible, self._outside, self._who))
+        #: address of the facts, for `survey_truth`
+        self.at = self._pinned.at
+
+    def look(self, now: Snapshot, exceptions: BoolArray, working: BoolArray) -> Survey:
+        """Find out who is where, and who sees whom; sight lines are not looked at.
+
+        Parameters
+        ----------
+        now : the truth
+        exceptions : who (M + N, C) is not in a region though in the box about it; targets first
+        working : which cameras (C,) work
+        """
+        spacing_m = survey_truth(
+            self.at,
+            now.agent_p_world,
+            now.camera_p_world,
+            now.camera_q_world,
+            now.target_p_world,
+            now.target_q_world,
+            exceptions,
+            working,
+        )
+        return self.found(spacing_m)
+
+    def found(self, spacing_m: float) -> Survey:
+        """Return what `survey_truth` has written, in arrays of its own."""
+        region, seen_by = self._who.copy()
+        return Survey(self.visible.copy(), self._outside.copy(), region, seen_by.tolist(), spacing_m)
 
 
 def first_seers(visible: BoolArray) -> list[int]:

@@ -14,7 +14,7 @@ from camnet.geometry.regions import Region
 from camnet.simulation.entries import Entry, predict_entries
 from camnet.types import Array
 
-__all__ = ["Gap", "GapRecorder", "summarise_gaps"]
+__all__ = ["Gap", "GapRecorder", "miss", "summarise_gaps"]
 
 
 @dataclass(slots=True)
@@ -59,12 +59,21 @@ class GapRecorder:
         self._camera = -1
         self._last_p = np.full(3, np.nan)
 
-    def seen(self, t_s: float, camera: int, p_world: Array, filters: Mapping[str, TargetFilter]) -> None:
-        """Take a sighting at the true position ``p_world`` (3,), before the estimators are corrected with it."""
+    @property
+    def is_open(self) -> bool:
+        """Whether the target is lost."""
+        return self._open is not None
+
+    def seen(self, t_s: float, camera: int, p_world: Array, miss_m: Mapping[str, float]) -> None:
+        """Take a sighting at the true position ``p_world`` (3,).
+
+        ``miss_m`` is how far from it each estimator expected the target, before it was corrected with the sighting
+        (`miss`); it is read only if a gap `is_open`.
+        """
         if self._open is not None:
             gap, self._open = self._open, None
             gap.to_camera, gap.seen_s = camera, t_s
-            gap.error_m = {name: _distance(f, t_s, p_world) for name, f in filters.items()}
+            gap.error_m = dict(miss_m)
             gap.error_m["last_seen"] = float(np.linalg.norm(self._last_p - p_world))
             self.gaps.append(gap)
         self._camera, self._last_p = camera, p_world.copy()
@@ -85,7 +94,7 @@ class GapRecorder:
         return min(coming, key=lambda e: (not e.direct, e.t_s)) if coming else None
 
 
-def _distance(filter_: TargetFilter, t_s: float, p_world: Array) -> float:
+def miss(filter_: TargetFilter, t_s: float, p_world: Array) -> float:
     """Error of the prediction carried to ``t_s`` along its velocity (it is at most one frame old), m."""
     estimate = filter_.estimate
     predicted = estimate.p_world + (t_s - estimate.t_s) * estimate.v_world

@@ -24,17 +24,19 @@ from camnet.errors import ConfigError
 from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.persistence import load_models
 from camnet.estimation.protocol import Rollout, TargetFilter
+from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.settings import SensingSettings
-from camnet.sensing.survey import first_seers, survey
+from camnet.sensing.survey import Lookout, Survey, first_seers
 from camnet.sensing.visibility import VisibilityTest
 from camnet.sensing.vision_sensor import build_sensor
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
 from camnet.simulation.filters import TargetTruth, build_filters
-from camnet.simulation.gaps import GapRecorder
+from camnet.simulation.gaps import GapRecorder, miss
 from camnet.simulation.handoff import HandoffTracker
 from camnet.simulation.models import start_from
 from camnet.simulation.network import Network
+from camnet.simulation.perception import Perceived, Perceiver
 from camnet.simulation.statistics import RunStatistics
 from camnet.types import Array, BoolArray, Pose, PoseMeasurement, Snapshot, Twist
 from camnet.world.protocol import CameraCommand, Foresees, Steers, World
@@ -84,6 +86,7 @@ class NetworkSimulation:
             [target.features_m for target in network.description.targets],
             [None] * len(network.cameras),  # regions are asked once for everybody, in _sense
         )
+        self._lookout = Lookout(*network.boxes, network.n_agents, self._visibility.packed)
         self._rays_clear = world.rays_clear if network.can_occlude else None
         self._certificates = network_certificates(network)
         self._saved = [] if scenario.run.model is None else load_models(scenario.run.model)
@@ -114,6 +117,9 @@ class NetworkSimulation:
         self.filters: dict[str, list[TargetFilter]] = {
             name: self._build_filters(name) for name in self.filter_names
         }
+        #: what came of the last sensing instant, where it is all one call
+        self.perceived: Perceived | None = None
+        self._perceiver = self._all_at_once()
         if scenario.run.model is not None:
             start_from(self._saved, scenario.run.model, self.filters, network.basis, network.n_models)
         self.trackers = [HandoffTracker(m, scenario.handoff.grace_s) for m in range(network.n_targets)]
@@ -234,32 +240,51 @@ class NetworkSimulation:
         return np.array(self._reference_state.p_world[j])
 
     def _sense(self) -> None:
-        snapshot = self.snapshot
-        self._survey(snapshot)
+        snapshot, network = self.snapshot, self.network
+        exceptions = network.exceptions(snapshot.target_p_world, snapshot.agent_p_world)
         self._past.append(snapshot)
-        measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
-        one = len(self.trackers) == 1
+        if self._perceiver is not None:
+            self.perceived = self._perceiver.perceive(snapshot, exceptions, self.working, self._sensor_rng)
+            self._survey(snapshot, self.perceived.survey)
+            self._follow_gaps(self.perceived)
+        else:
+            self._survey(snapshot, self._lookout.look(snapshot, exceptions, self.working))
+            self._measure(snapshot)
         for m, tracker in enumerate(self.trackers):
-            self._estimate(m, _nearest(measurements if one else [z for z in measurements if z.target == m]))
-            tracker.update(snapshot.t_s, int(self.target_region[m]), self.seen_by(m))
+            tracker.update(snapshot.t_s, int(self.target_region[m]), self._seen_by[m])
         self.statistics.after_sense(self)
 
-    def _survey(self, snapshot: Snapshot) -> None:
-        """Find out on the truth who is where, and who sees whom."""
-        agent_p, target_p = snapshot.agent_p_world, snapshot.target_p_world
-        self.visible, outside, who, self.spacing_m = survey(
-            agent_p,
-            snapshot.camera_p_world,
-            snapshot.camera_q_world,
-            target_p,
-            snapshot.target_q_world,
-            *self.network.boxes,
-            self.network.exceptions(target_p, agent_p),
-            self.working,
-            *self._visibility.packed,
-        )
-        self._outside, self.target_region = (snapshot, outside), who[0]
-        self._seen_by: list[int] = who[1].tolist()
+    def _all_at_once(self) -> Perceiver | None:
+        """Return estimators that look and measure for themselves; None where that is done one thing after the other."""
+        source = getattr(self.driving[0], "bank", None) if self.driving else None
+        late = self.network.scenario.sensing.latency_s > 0.0
+        alone = len(self.filter_names) == 1 and type(self._sensor) is PoseSensor and not late
+        if not (alone and self._rays_clear is None and isinstance(source, Perceiver)):
+            return None
+        source.connect(self._lookout, self._sensor)
+        return source
+
+    def _follow_gaps(self, perceived: Perceived) -> None:
+        """Note sightings and gaps of all targets."""
+        t_s, name = self.snapshot.t_s, self.filter_names[0]
+        for m, camera in enumerate(perceived.camera):
+            if camera >= 0:
+                missed = {name: perceived.miss_m[m]}
+                self.gaps[m].seen(t_s, camera, self.snapshot.target_p_world[m], missed)
+            else:
+                self.gaps[m].unseen(t_s, {name: self.driving[m]})
+
+    def _measure(self, snapshot: Snapshot) -> None:
+        """Measure, and advance all estimators of all targets to now."""
+        measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
+        one = len(self.trackers) == 1
+        for m in range(len(self.trackers)):
+            self._estimate(m, _nearest(measurements if one else [z for z in measurements if z.target == m]))
+
+    def _survey(self, snapshot: Snapshot, found: Survey) -> None:
+        """Take over who is where, and who sees whom."""
+        self.visible, self.target_region, self.spacing_m = found.visible, found.region, found.spacing_m
+        self._outside, self._seen_by = (snapshot, found.outside), found.seen_by
         if self._rays_clear is not None:
             self._visibility.clear(snapshot, self.visible, self._rays_clear)
             self._seen_by = first_seers(self.visible)
@@ -269,7 +294,9 @@ class NetworkSimulation:
         filters = {name: self.filters[name][m] for name in self.filter_names}
         now = self.snapshot.t_s
         if best is not None:
-            self.gaps[m].seen(now, best.camera, self.snapshot.target_p_world[m], filters)
+            gap, p_world = self.gaps[m], self.snapshot.target_p_world[m]
+            missed = {name: miss(f, now, p_world) for name, f in filters.items()} if gap.is_open else {}
+            gap.seen(now, best.camera, p_world, missed)
         for filter_ in filters.values():
             if best is not None:
                 filter_.correct(best, best.camera)

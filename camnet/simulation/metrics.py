@@ -41,8 +41,11 @@ class ErrorRecord:
     def add(self, lap: int, seen: bool, estimate: TargetEstimate, p_world: Array, q_world: Array) -> None:
         """Record one instant; nothing is recorded before the first sighting."""
         if math.isfinite(estimate.last_seen_s):
-            errors = _pose_error(estimate.p_world, estimate.q_world, p_world, q_world)
-            self._samples.append((lap, seen, *errors))
+            self.note(lap, seen, _pose_error(estimate.p_world, estimate.q_world, p_world, q_world))
+
+    def note(self, lap: int, seen: bool, errors: tuple[float, float]) -> None:
+        """Record the errors of one instant."""
+        self._samples.append((lap, seen, *errors))
 
     @property
     def latest_m(self) -> float:

@@ -10,8 +10,7 @@ import numpy as np
 from camnet.certification.monitor import DwellMonitor
 from camnet.certification.network import DwellCertificates
 from camnet.estimation.delayed import underlying
-from camnet.estimation.learning_estimator import LearningEstimator
-from camnet.estimation.protocol import TargetFilter
+from camnet.estimation.protocol import Learns
 from camnet.simulation.metrics import ErrorRecord, delay_summary
 from camnet.types import Snapshot
 from camnet.world.protocol import Flown
@@ -45,6 +44,9 @@ class RunStatistics:
             )
             for m in targets
         ]
+        self._driving = self.errors[simulation.filter_names[0]]
+        inner = [underlying(f) for f in simulation.driving]
+        self._learns = [f if isinstance(f, Learns) else None for f in inner]
         self._certificate: tuple[float, dict[str, Any]] = (-math.inf, {})
         self.collisions: list[tuple[float, str, str]] = []
         self.region_exits = 0
@@ -80,25 +82,35 @@ class RunStatistics:
 
     def after_sense(self, simulation: NetworkSimulation) -> None:
         """Record errors, view time and the switching signals of every target."""
-        truth, network = simulation.snapshot, simulation.network
         self._count_agents(simulation)
         for m, tracker in enumerate(simulation.trackers):
             camera = simulation.seen_by(m)
             seen = camera >= 0
             self._seen += seen
             self._senses += 1
-            lap, p_world, q_world = tracker.lap, truth.target_p_world[m], truth.target_q_world[m]
-            for name, records in self.errors.items():
-                records[m].add(lap, seen, simulation.filters[name][m].estimate, p_world, q_world)
-            error_m = self.errors[simulation.filter_names[0]][m].latest_m
-            region = camera if seen else int(simulation.target_region[m])
-            since_s = self.dwell[m].visit_start_s(region)
-            known = since_s is not None and self.dwell[m].excited
-            bound = math.inf if known else network.scenario.estimator.weight_bound
-            held, fully = _excited(
-                simulation.driving[m], camera, bound, truth.t_s if since_s is None else since_s
-            )
-            self.dwell[m].update(truth.t_s, region, seen, held, error_m, fully)
+            self._compare(simulation, m, tracker.lap, seen)
+            self._watch(simulation, m, camera if seen else int(simulation.target_region[m]), seen)
+
+    def _compare(self, simulation: NetworkSimulation, m: int, lap: int, seen: bool) -> None:
+        """Record the errors of all estimators of target ``m``."""
+        if simulation.perceived is not None:
+            errors = simulation.perceived.errors[m]
+            if errors is not None:
+                self._driving[m].note(lap, seen, errors)
+            return
+        p_world, q_world = simulation.snapshot.target_p_world[m], simulation.snapshot.target_q_world[m]
+        for name, records in self.errors.items():
+            records[m].add(lap, seen, simulation.filters[name][m].estimate, p_world, q_world)
+
+    def _watch(self, simulation: NetworkSimulation, m: int, region: int, seen: bool) -> None:
+        """Record the switching signals of target ``m``."""
+        dwell, t_s, held, fully = self.dwell[m], simulation.snapshot.t_s, False, False
+        if seen:
+            since_s = dwell.visit_start_s(region)
+            known = since_s is not None and dwell.excited
+            bound = math.inf if known else simulation.network.scenario.estimator.weight_bound
+            held, fully = _excited(self._learns[m], region, bound, t_s if since_s is None else since_s)
+        dwell.update(t_s, region, seen, held, self._driving[m].latest_m, fully)
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
         outside = simulation.agents_outside()
@@ -170,7 +182,7 @@ class RunStatistics:
         return {name: ErrorRecord.pooled(self.errors[name]).summary() for name in simulation.filter_names[1:]}
 
 
-def _excited(driving: TargetFilter, camera: int, weight_bound: float, visit_s: float) -> tuple[bool, bool]:
+def _excited(learner: Learns | None, camera: int, weight_bound: float, visit_s: float) -> tuple[bool, bool]:
     """Whether the excited cases of ``sound`` and of ``published`` are open in the region of ``camera``.
 
     Assumption 4.7 asks for a stack of full rank. Excitation of the visited places is enough for ``sound``, whose
@@ -178,13 +190,10 @@ def _excited(driving: TargetFilter, camera: int, weight_bound: float, visit_s: f
     the visit after it was found on: within one visit the target may come to places that are still news. An infinite
     ``weight_bound`` says that the projection was found at rest in this visit already; ``visit_s`` is when it began.
     """
-    filter_ = underlying(driving)
-    if camera < 0 or not isinstance(filter_, LearningEstimator):
+    if learner is None:
         return False, False
-    model = filter_.model(camera)
-    fully = math.isfinite(min(model.integral.excited_s, model.instantaneous.excited_s))
-    if not (fully or model.visited.since_s < visit_s):
+    full_s, visited_s = learner.excitation(camera)
+    fully = math.isfinite(full_s)
+    if not (fully or visited_s < visit_s):
         return False, False
-    outputs = 6 if model.form == "twist" else 7
-    at_rest = math.isinf(weight_bound) or float(np.linalg.norm(model.weights[:, :outputs])) <= weight_bound
-    return at_rest, fully
+    return math.isinf(weight_bound) or learner.weight_norm(camera) <= weight_bound, fully

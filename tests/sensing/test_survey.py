@@ -6,7 +6,7 @@ import numpy as np
 
 from camnet.geometry.regions import build_region
 from camnet.geometry.settings import Box, CameraModel, Cylinder, Intrinsics
-from camnet.sensing.survey import first_seers, survey
+from camnet.sensing.survey import Lookout, first_seers
 from camnet.sensing.visibility import VisibilityTest, who_may_see
 from camnet.types import Snapshot
 
@@ -38,20 +38,19 @@ def test_survey_is_its_parts_one_by_one() -> None:
     features = [rng.uniform(-0.2, 0.2, (4, 3)) for _ in range(4)]
     test = VisibilityTest([CAMERA] * 3, features, [None] * 3)
     bounds = np.array([region.bounds for region in REGIONS])
+    lookout = Lookout(bounds[:, 0].copy(), bounds[:, 1].copy(), 2, test.packed)
     seen = 0
     for _ in range(150):
         now, working = _snapshot(rng), rng.random(3) < 0.8
         points = np.concatenate([now.target_p_world, now.agent_p_world])
         inside = np.stack([region.contains(points) for region in REGIONS], axis=1)
         boxed = ((points[:, None] >= bounds[:, 0]) & (points[:, None] <= bounds[:, 1])).all(axis=2)
-        visible, outside, who, least = survey(
-            now.agent_p_world, now.camera_p_world, now.camera_q_world, now.target_p_world, now.target_q_world,
-            bounds[:, 0].copy(), bounds[:, 1].copy(), boxed & ~inside, working, *test.packed,
-        )  # fmt: skip
+        found = lookout.look(now, boxed & ~inside, working)
         allowed, region = who_may_see(inside[:4], working, 2)
-        np.testing.assert_array_equal(visible, test(now, None, allowed))
-        np.testing.assert_array_equal(who, [region, first_seers(visible)])
-        np.testing.assert_array_equal(outside, ~np.diagonal(inside[4:]))
-        assert least == np.linalg.norm(now.agent_p_world[0] - now.agent_p_world[1])
-        seen += int(visible.sum())
+        np.testing.assert_array_equal(found.visible, test(now, None, allowed))
+        np.testing.assert_array_equal(found.region, region)
+        assert found.seen_by == first_seers(found.visible)
+        np.testing.assert_array_equal(found.outside, ~np.diagonal(inside[4:]))
+        assert found.spacing_m == np.linalg.norm(now.agent_p_world[0] - now.agent_p_world[1])
+        seen += int(found.visible.sum())
     assert seen > 50

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pybullet as pb
 
 from camnet.control.autopilot import Autopilot
 from camnet.control.flight_kernel import begin_period, end_period
-from camnet.control.period_kernel import begin_flight, continue_flight
+from camnet.control.period_kernel import COCKPIT, Cockpit, begin_flight, continue_flight
 from camnet.control.quadrotor import QuadrotorModel
 from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed, turn_gimbals
 from camnet.types import Array
@@ -177,15 +176,28 @@ class Flight:
         """
         self._monitor, limits = autopilot.monitor, self._physics
         motion = np.empty((len(self._numbers) + n_cameras, 13))
-        body: tuple[Any, ...] = (self.bodies, self.memory, self._command, self._constants)
-        self._begin: tuple[Any, ...] = (*autopilot.packed, *body, self._wrench, self._asked, motion, balls)
-        self._reach = (radius, _REACH_M)
-        arrays: tuple[Any, ...] = (self.bodies, self._before, *body[1:], motion, offset_body, fixed, start_p)
-        self._end: tuple[Any, ...] = (
-            self._monitor.buffers[0],
-            *arrays,
-            limits.range_limit_m,
-            limits.speed_limit_mps,
+        self._air = self._mean_wind.copy()
+        self._cockpit = COCKPIT.pin(
+            Cockpit(
+                **autopilot.packed,
+                bodies=self.bodies,
+                before=self._before,
+                memory=self.memory,
+                held=self._command,
+                constants=self._constants,
+                wrench=self._wrench,
+                asked=self._asked,
+                motion=motion,
+                balls=balls,
+                wind=self._air,
+                radius=radius,
+                reach=_REACH_M,
+                offset_body=offset_body,
+                fixed=fixed,
+                start_p=start_p,
+                range_m=limits.range_limit_m,
+                speed_mps=limits.speed_limit_mps,
+            )
         )
         return motion
 
@@ -194,14 +206,14 @@ class Flight:
 
         ``targets`` (M,13): where the centres of the balls are.
         """
-        wind = self._wind(self._physics.wind, self._control_dt_s)
-        everything: tuple[Any, ...] = (*self._begin, targets, wind, *self._reach)
-        return int(begin_flight(self._monitor.place, *everything))
+        if self._physics.wind.gust_std_mps > 0:
+            self._air[...] = self._wind(self._physics.wind, self._control_dt_s)
+        found: int = begin_flight(self._cockpit.at, self._monitor.place, targets)
+        return found
 
     def end(self) -> tuple[int, float]:
         """End a control period of the autopilot: first unsound body (-1: none), and the sum of squared speeds."""
-        unsound, square = continue_flight(self._monitor.place, *self._end)
-        return unsound, square
+        return continue_flight(self._cockpit.at, self._monitor.place)
 
     def observe(self, offset_body: Array, fixed: Array, start_p: Array) -> tuple[int, Array]:
         """End a control period; see `camnet.control.flight_kernel.end_period`."""

@@ -1,0 +1,107 @@
+"""When finite excitation began, for rows of estimators: what `MotionModel` books in ``integral`` and ``visited``.
+
+Rows keep no Gram matrix (their law needs its inverse alone). Here it is followed from the windows that they hold, only
+until the places visited are known to be excited; nothing of it is in a loop over environments.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from camnet.batch.estimator_layout import (
+    ACTIVE,
+    CAPACITY,
+    FORGOTTEN,
+    WINDOWS,
+    EstimatorSetup,
+    EstimatorState,
+    counts_of,
+    row_of,
+)
+from camnet.estimation.excitation import VisitedExcitation
+from camnet.estimation.settings import StackSettings
+from camnet.estimation.stack import is_excited
+from camnet.types import Array
+
+__all__ = ["RowExcitation"]
+
+
+class RowExcitation:
+    """Excitation of one model of one row.
+
+    Parameters
+    ----------
+    setup, state : of the row
+    row, model : their numbers
+    stack : threshold and share
+    """
+
+    def __init__(
+        self, setup: EstimatorSetup, state: EstimatorState, row: int, model: int, stack: StackSettings
+    ) -> None:
+        self._rules, self._flags, self._data, self._model = (
+            setup.rules,
+            state.flags[row],
+            state.data[row],
+            model,
+        )
+        self._threshold = stack.excitation_threshold
+        self._visited = VisitedExcitation(stack.excitation_threshold, stack.excitation_share)
+        self._counts = counts_of.py_func(setup.rules, self._flags, model)
+        p = setup.rules.size
+        # before the window that was offered last
+        self._gram, self._touched = np.zeros((p, p)), np.zeros(p, dtype=bool)
+        self._held = self._forgotten = 0
+        #: when the stack came to be of full rank (3-19), s
+        self.full_s = math.inf
+
+    @property
+    def visited_s(self) -> float:
+        """When the places visited came to be excited, s."""
+        self._forget()
+        return self._visited.since_s
+
+    def offered(self, t_s: float, row: Array) -> None:
+        """Take note that a measured window with regressor ``row`` (p,) over the active kernels was offered."""
+        self._forget()
+        if math.isinf(self._visited.since_s):
+            if self._counts[WINDOWS] < self._flags[CAPACITY]:  # every window enters, this one was the last
+                self._follow(int(self._counts[WINDOWS]) - 1)
+            pick = np.flatnonzero(self._touched)
+            known, total = row[pick], float(row @ row)
+            if len(pick):
+                psi = self._gram[np.ix_(pick, pick)]
+                self._visited.observe(t_s, psi, known, total - float(known @ known))
+        whole = int(self._counts[ACTIVE]) == len(self._gram)
+        if math.isfinite(self._visited.since_s) and (math.isfinite(self.full_s) or not whole):
+            return
+        self._follow(int(self._counts[WINDOWS]))
+        if whole and math.isinf(self.full_s) and is_excited(self._gram, self._threshold):
+            self.full_s = t_s
+
+    def _forget(self) -> None:
+        """Start again if data was forgotten."""
+        forgotten = int(self._counts[FORGOTTEN])
+        if forgotten != self._forgotten:
+            self._forgotten, self._held, self.full_s = forgotten, 0, math.inf
+            self._visited.clear()
+
+    def _rows(self, first: int) -> Array:
+        """Regressors of the windows held from number ``first`` on, over the active kernels."""
+        n, held, padded = int(self._counts[ACTIVE]), int(self._counts[WINDOWS]), self._rules.at.padded
+        flat = row_of.py_func(self._rules, self._flags, self._data, self._model, first)
+        rows: Array = flat[: (held - first) * padded].reshape(held - first, padded)[:, :n]
+        return rows
+
+    def _follow(self, held: int) -> None:
+        """Bring the Gram matrix up to the first ``held`` windows; in a full stack any of them may be new."""
+        if self._held == 0 or held < self._held or held == self._flags[CAPACITY]:
+            self._gram[...] = 0.0
+            self._held = 0
+        new = self._rows(self._held)[: held - self._held]
+        n = new.shape[1]
+        self._gram[:n, :n] += new.T @ new
+        self._touched[:n] |= (new != 0.0).any(axis=0)
+        self._held = held
