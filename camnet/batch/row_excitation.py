@@ -65,21 +65,28 @@ class RowExcitation:
 
     def offered(self, t_s: float, row: Array) -> None:
         """Take note that a measured window with regressor ``row`` (p,) over the active kernels was offered."""
-        self._forget()
-        if math.isinf(self._visited.since_s):
-            if self._counts[WINDOWS] < self._flags[CAPACITY]:  # every window enters, this one was the last
-                self._follow(int(self._counts[WINDOWS]) - 1)
+        news = math.isinf(self.visited_s)
+        if news:
+            self._observe(t_s, row)
+        held, whole = int(self._counts[WINDOWS]), int(self._counts[ACTIVE]) == len(self._gram)
+        if whole and math.isinf(self.full_s):
+            self._follow(held)
+            if is_excited(self._gram, self._threshold):
+                self.full_s = t_s
+        elif news and held == self._flags[CAPACITY]:
+            self._follow(held)
+
+    def _observe(self, t_s: float, row: Array) -> None:
+        """Ask whether the window was news to those before it."""
+        if self._counts[WINDOWS] < self._flags[CAPACITY]:  # every window enters, this one was the last
+            self._follow(int(self._counts[WINDOWS]) - 1)
+        n = int(self._counts[ACTIVE])
+        psi, known, total = self._gram[:n, :n], row[:n], float(row @ row)
+        if not self._touched[:n].all():
             pick = np.flatnonzero(self._touched)
-            known, total = row[pick], float(row @ row)
-            if len(pick):
-                psi = self._gram[np.ix_(pick, pick)]
-                self._visited.observe(t_s, psi, known, total - float(known @ known))
-        whole = int(self._counts[ACTIVE]) == len(self._gram)
-        if math.isfinite(self._visited.since_s) and (math.isfinite(self.full_s) or not whole):
-            return
-        self._follow(int(self._counts[WINDOWS]))
-        if whole and math.isinf(self.full_s) and is_excited(self._gram, self._threshold):
-            self.full_s = t_s
+            psi, known = self._gram[np.ix_(pick, pick)], row[pick]
+        if len(known):
+            self._visited.observe(t_s, psi, known, total - float(known @ known))
 
     def _forget(self) -> None:
         """Start again if data was forgotten."""

@@ -35,6 +35,7 @@ from camnet.env.settings import EnvSettings
 from camnet.env.velocity import VelocityPilot
 from camnet.errors import ConfigError
 from camnet.geometry.rotations import gaze_angles, rotate
+from camnet.geometry.triples import borrowing
 from camnet.simulation.coordination import Role, Task
 from camnet.simulation.loop import NetworkSimulation, Setpoints
 from camnet.simulation.run import setpoint_for
@@ -84,6 +85,23 @@ def setpoint_of(simulation: NetworkSimulation, beliefs: Beliefs, j: int, task: T
     return setpoint_for(simulation.network, j, task, beliefs.estimates(j), own_p, beliefs.t_s)
 
 
+@borrowing
+def write_setpoints(
+    actions: Array, centers: Array, reach: Array, gaze_max: float, p_world: Array, gaze: Array
+) -> bool:
+    """Positions (N,3) and gazes (N,2) that actions (N,5), clipped to [-1, 1], ask for; False if one is not finite."""
+    total = 0.0
+    for j in range(actions.shape[0]):
+        for i in range(5):
+            total += actions[j, i]
+            share = min(max(actions[j, i], -1.0), 1.0)
+            if i < 3:
+                p_world[j, i] = centers[j, i] + share * reach[j, i]
+            else:
+                gaze[j, i - 3] = share * gaze_max
+    return math.isfinite(total)
+
+
 class _Mode:
     """What the modes have in common."""
 
@@ -94,7 +112,6 @@ class _Mode:
         bounds = np.stack([region.bounds for region in network.regions[: network.n_agents]])
         self._centers = bounds.mean(axis=1)
         self._reach = np.maximum(np.ptp(bounds, axis=1) / 2 - self._controller.region_margin_m, 0.0)
-        self._everybody: BoolArray = np.ones(network.n_agents, dtype=bool)
         self._held: dict[int, tuple[Array, Array]] = {}
 
     def reset(self) -> None:
@@ -108,12 +125,6 @@ class _Mode:
     def _boxed(self, actions: Mapping[str, Any], width: int) -> tuple[Array, BoolArray]:
         """Actions (N, width) clipped to [-1, 1], zero where there is none, and who gave one."""
         n = len(self._names)
-        if len(actions) == n:
-            rows = [actions[name] for name in self._names]
-            if all(isinstance(row, np.ndarray) and row.shape == (width,) for row in rows):
-                flat = np.array(rows, dtype=float)
-                if math.isfinite(flat.sum()):
-                    return np.minimum(np.maximum(flat, -1.0), 1.0), self._everybody
         given = np.array([name in actions for name in self._names])
         flat = np.zeros((n, width))
         for j in np.flatnonzero(given).tolist():
@@ -147,12 +158,22 @@ class SetpointMode(_Mode):
 
     def setpoints(self, simulation: NetworkSimulation, actions: Mapping[str, Any]) -> Setpoints:
         """Return the setpoints that actions ask for: positions in the world, gaze angles."""
+        if len(actions) == len(self._names):
+            rows = [actions[name] for name in self._names]
+            if all(isinstance(row, np.ndarray) and row.shape == (5,) for row in rows):
+                p_world, gaze = np.empty((len(rows), 3)), np.empty((len(rows), 2))
+                given_rows, scale = np.array(rows, dtype=float), self._settings.gaze_max_rad
+                if write_setpoints(given_rows, self._centers, self._reach, scale, p_world, gaze):
+                    return Setpoints(p_world, gaze)
+        return self._checked_setpoints(simulation, actions)
+
+    def _checked_setpoints(self, simulation: NetworkSimulation, actions: Mapping[str, Any]) -> Setpoints:
+        """Do what `setpoints` does with whatever a user gives, and where somebody has failed."""
         flat, given = self._boxed(actions, 5)
         p_world = self._centers + flat[:, :3] * self._reach
         gaze = flat[:, 3:] * self._settings.gaze_max_rad
-        if given is not self._everybody:
-            for j in np.flatnonzero(~given).tolist():
-                p_world[j], gaze[j] = self._hold(simulation, j)
+        for j in np.flatnonzero(~given).tolist():
+            p_world[j], gaze[j] = self._hold(simulation, j)
         return Setpoints(p_world, gaze)
 
     def fly(self, simulation: NetworkSimulation, actions: Mapping[str, Any], beliefs: Beliefs | None) -> None:

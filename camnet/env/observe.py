@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from camnet.env.layout import Observation, ObservationLayout
-from camnet.env.observe_kernel import write_observations
+from camnet.env.observe_kernel import SHOWN, Shown, write_observations
 from camnet.env.settings import EnvSettings
 from camnet.geometry.rotations import gaze_angles, rotate, yaw_of
 from camnet.simulation.certificates import view_radius
@@ -22,6 +22,7 @@ from camnet.types import Array
 __all__ = ["Observer"]
 
 _FORWARD = np.array([0.0, 0.0, 1.0])
+_NOBODY = np.empty((0, 3))
 
 
 class Observer:
@@ -67,6 +68,22 @@ class Observer:
         self._estimates[:, 13] = self._speeds
         self._entries = np.zeros((network.n_targets, n, 9))
         self._entries_of: list[list[Entry | None]] | None = None
+        low, high = network.boxes
+        self._pinned = SHOWN.pin(
+            Shown(
+                agents=self._agents,
+                estimates=self._estimates,
+                entries=self._entries,
+                scales=self._scales,
+                low=low,
+                high=high,
+                least=self.layout.low,
+                most=self.layout.high,
+                flat=np.empty(len(self.layout.low)),
+                distance=np.empty(n),
+                neighbours=self.neighbours,
+            )
+        )
 
     def observe(self, simulation: NetworkSimulation, entries: list[list[Entry | None]]) -> list[Observation]:
         """Observations of all N agents; ``entries[m][j]`` are the predicted entries."""
@@ -79,22 +96,17 @@ class Observer:
             self._entries_of = entries
             self._pack_entries(entries)
         self._scales[4] = truth.t_s
-        return list(
-            write_observations(
-                truth.camera_p_world,
-                truth.camera_q_world,
-                truth.camera_v_world,
-                self._agents,
-                rows,
-                self._entries,
-                simulation.network.containment(rows[:, :3]),
-                simulation.visible,
-                self._scales,
-                self.neighbours,
-                self.layout.low,
-                self.layout.high,
-            )
+        out = np.empty((len(self._agents), len(self.layout.low)), dtype=np.float32)
+        write_observations(
+            self._pinned.at,
+            truth.camera_p_world,
+            truth.camera_q_world,
+            truth.camera_v_world,
+            simulation.network.exceptions(rows[:, :3], _NOBODY),
+            simulation.visible,
+            out,
         )
+        return list(out)
 
     def _pack_entries(self, entries: list[list[Entry | None]]) -> None:
         packed = self._entries

@@ -1,27 +1,55 @@
 """Compiled twin of `camnet.env.observe.Observer.readable` (its test oracle): all agents' observations in one call.
 
-| array | row |
-| --- | --- |
-| ``estimates`` (M,14), of a target | p (3), v (3), q (4), error radius, time last seen, 1 if known, top speed |
-| ``entries`` (M,N,9), of a target into a region | 0 none, 0.5 touched, 1 direct; p (3), v (3), time, error radius |
-| ``agents`` (N,13), of an agent | region's centre and half-size (6), the same in the network (6), view radius |
-| ``scales`` (5,) | top reference speed, largest gaze, look-ahead, communication range, time now |
+What is shown is in arrays that are pinned (`Shown`).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from camnet.geometry.pinned import Pins
 from camnet.geometry.triples import borrowing, matrix, quaternion
 from camnet.types import Array, BoolArray
 
-__all__ = ["NEIGHBOUR_FIELDS", "OWN_FIELDS", "TARGET_FIELDS", "write_observations"]
+__all__ = ["NEIGHBOUR_FIELDS", "OWN_FIELDS", "SHOWN", "TARGET_FIELDS", "Shown", "write_observations"]
 
 #: numbers about the agent itself, about one target, about one neighbour
 OWN_FIELDS, TARGET_FIELDS, NEIGHBOUR_FIELDS = 14, 24, 4
+
+
+class Shown(NamedTuple):
+    """What N agents are shown of M targets.
+
+    | array | row |
+    | --- | --- |
+    | ``agents`` (N,13), of an agent | region's centre and half-size (6), the same in the network (6), view radius |
+    | ``estimates`` (M,14), of a target | p (3), v (3), q (4), error radius, time last seen, 1 if known, top speed |
+    | ``entries`` (M,N,9), of a target into a region | 0 none, 0.5 touched, 1 direct; p (3), v (3), time, error radius |
+    | ``scales`` (5,) | top reference speed, largest gaze, look-ahead, communication range, time now |
+    | ``low``, ``high`` (C,3) | corners of the boxes about the regions, m |
+    | ``least``, ``most`` (D,) | bounds of the observations |
+    | ``flat`` (D,), ``distance`` (N,) | scratch |
+    """
+
+    agents: Array
+    estimates: Array
+    entries: Array
+    scales: Array
+    low: Array
+    high: Array
+    least: NDArray[np.float32]
+    most: NDArray[np.float32]
+    flat: Array
+    distance: Array
+    neighbours: int
+
+
+SHOWN = Pins(Shown)
+_shown = SHOWN.of
 
 
 @borrowing
@@ -89,59 +117,29 @@ def _near(
 
 
 @borrowing
-def _write(
-    p: Array,
-    q: Array,
-    v: Array,
-    agents: Array,
-    estimates: Array,
-    entries: Array,
-    inside: BoolArray,
-    visible: BoolArray,
-    scales: Array,
-    neighbours: int,
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    flat: Array,
-    distance: Array,
-    out: NDArray[np.float32],
+def write_observations(
+    at: int, p: Array, q: Array, v: Array, exceptions: BoolArray, visible: BoolArray, out: NDArray[np.float32]
 ) -> None:
-    n, m = agents.shape[0], estimates.shape[0]
+    """Write observations (N,D) of agents with cameras at p (C,3), q (C,4), v (C,3) to ``out``.
+
+    ``exceptions`` (M,C): which estimates are not in a region though in the box about it; ``visible`` (C,M).
+    """
+    x = _shown(at)
+    n, m, flat = x.agents.shape[0], x.estimates.shape[0], x.flat
     for j in range(n):
         for k in range(flat.shape[0]):
             flat[k] = 0.0
-        _own(flat, j, p, q, v, agents[j], scales)
+        _own(flat, j, p, q, v, x.agents[j], x.scales)
         for t in range(m):
             part = flat[OWN_FIELDS + TARGET_FIELDS * t : OWN_FIELDS + TARGET_FIELDS * (t + 1)]
-            _target(part, estimates[t], entries[t, j], agents[j], scales, inside[t, j], visible[j, t])
-            if estimates[t, 12] > 0.0:
+            estimate, inside = x.estimates[t], not exceptions[t, j]
+            for i in range(3):
+                inside = inside and x.low[j, i] <= estimate[i] <= x.high[j, i]
+            _target(part, estimate, x.entries[t, j], x.agents[j], x.scales, inside, visible[j, t])
+            if estimate[12] > 0.0:
                 for c in range(visible.shape[0]):
                     if visible[c, t]:
                         part[12] = 1.0
-        _near(flat[OWN_FIELDS + TARGET_FIELDS * m :], j, p, agents, neighbours, scales[3], distance)
-        for k in range(low.shape[0]):
-            out[j, k] = min(max(flat[k], low[k]), high[k])
-
-
-def write_observations(
-    p: Array,
-    q: Array,
-    v: Array,
-    agents: Array,
-    estimates: Array,
-    entries: Array,
-    inside: BoolArray,
-    visible: BoolArray,
-    scales: Array,
-    neighbours: int,
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-) -> NDArray[np.float32]:
-    """Observations (N,D) of agents with cameras at p (C,3), q (C,4), v (C,3).
-
-    ``inside`` (M,C): whether the estimate lies in the region; ``visible`` (C,M); ``low``, ``high`` (D,) are the bounds.
-    """
-    out = np.empty((len(agents), len(low)), dtype=np.float32)
-    places = (p, q, v, agents, estimates, entries, inside, visible, scales, neighbours, low, high)
-    _write(*places, np.empty(len(low)), np.empty(len(agents)), out)
-    return out
+        _near(flat[OWN_FIELDS + TARGET_FIELDS * m :], j, p, x.agents, x.neighbours, x.scales[3], x.distance)
+        for k in range(x.least.shape[0]):
+            out[j, k] = min(max(flat[k], x.least[k]), x.most[k])

@@ -52,7 +52,9 @@ def unexcited_share(psi: Array, row: Array, threshold: float, rest: float = 0.0)
     total = float(row @ row) + rest
     if total <= 0.0:
         return 1.0
-    solved = np.linalg.solve(psi + threshold * np.eye(len(row)), row)
+    raised = psi.copy()
+    raised.flat[:: len(row) + 1] += threshold
+    solved = np.linalg.solve(raised, row)
     return min(1.0, (rest + 2.0 * threshold * float(row @ solved)) / total)
 
 

@@ -82,6 +82,7 @@ class Flight:
         lift = self._model.mass_kg * self._model.gravity_mps2 / 4.0
         self.memory[:, :4] = np.sqrt(lift / self._model.thrust_coefficient)
         self._command, self._wrench = np.zeros((n, 13)), np.zeros((n, 6))
+        self._loads = self._wrench.reshape(n, 2, 3)  # force and torque of each
         self._asked = np.zeros((4, n, 3))
         self._command[:, 9] = yaw
         self._gust, self._no_feedforward = np.zeros((n, 3)), np.zeros((n, 3))
@@ -150,12 +151,12 @@ class Flight:
             if period:
                 turn_gimbals(self._before, self.bodies, self.memory, self._command, self._constants)
                 step_packed(self.bodies, self.memory, self._command, self._constants, self._wrench)
+            self._push(self.bodies[:, :3].tolist())
             if watch:
-                for k in range(self._substeps):
-                    self._push(self._points() if k else self.bodies[:, :3].tolist())
+                touched |= self._engine.contacts()
+                for _ in range(self._substeps - 1):
+                    self._push(self._points())
                     touched |= self._engine.contacts()
-            else:
-                self._push(self.bodies[:, :3].tolist())
             self._before[...] = self.bodies
             self._read()
         return touched
@@ -242,7 +243,7 @@ class Flight:
         """Apply forces at ``points``, the centres of mass, and torques, and let the engine go on."""
         c, frame = self._engine.client, pb.WORLD_FRAME
         push, twist = pb.applyExternalForce, pb.applyExternalTorque
-        for body, wrench, point in zip(self._numbers, self._wrench.tolist(), points, strict=True):
-            push(body, -1, wrench[:3], point, frame, c)
-            twist(body, -1, wrench[3:], frame, c)
+        for body, (force, torque), point in zip(self._numbers, self._loads.tolist(), points, strict=True):
+            push(body, -1, force, point, frame, c)
+            twist(body, -1, torque, frame, c)
         pb.stepSimulation(c)

@@ -113,10 +113,11 @@ class PyBulletWorld:
 
     def fly(self, autopilot: Autopilot, periods: int) -> Flown:
         """Advance by several control periods of an autopilot; see the protocol."""
-        flight, targets, motion, square = self._flight, self._targets, self._board(autopilot), 0.0
+        flight, motion, square = self._flight, self._board(autopilot), 0.0
         contacts: list[tuple[float, tuple[tuple[str, str], ...]]] = []
+        touching = False
         for _ in range(periods):
-            found = flight.begin(targets.now)
+            found = flight.begin(self._targets.now)
             if found == INVALID:
                 raise SimulationError(f"step {self._step}: a command is not finite: motion {motion}")
             watch = found != 0 or self._can_always_touch
@@ -128,8 +129,8 @@ class PyBulletWorld:
                 self._diverged(unsound, flight.bodies)
             square += squares
             autopilot.monitor.ended(self._t_s - before_s)
+            touching = touching or bool(touched)
             contacts.append((self._t_s, tuple(sorted(touched)) if touched else ()))
-        touching = any(pairs for _, pairs in contacts)
         snapshot = self._observe(contacts[-1][1], motion.copy())
         return Flown(snapshot, square, tuple(contacts) if touching else ())
 
