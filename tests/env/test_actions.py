@@ -16,7 +16,7 @@ from camnet.env.velocity import VelocityPilot, guarded
 from camnet.errors import ConfigError
 from camnet.geometry.polytope import PolytopeRegion
 from camnet.geometry.regions import BoxRegion, CylinderRegion, PrismRegion, Region
-from camnet.simulation.run import decide, open_simulation, setpoints_for
+from camnet.simulation.run import decide, setpoints_for
 from camnet.types import Array
 
 ELL = [(-2.0, -2.0), (2.0, -2.0), (2.0, 0.0), (0.0, 0.0), (0.0, 2.0), (-2.0, 2.0)]
@@ -36,7 +36,7 @@ def test_assignments_of_the_built_in_rule_fly_what_the_built_in_system_flies() -
     env = make(action_mode="assign")
     observations, _ = env.reset(seed=3)
     act = built_in(env)
-    alone = open_simulation(env.simulation.network.scenario, 3, ("learned",))
+    alone = make(action_mode="assign").simulation  # the same estimators
     alone.reset(3)
     while env.agents:
         observations, *_ = env.step(act(observations))
