@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-# Two processes that compile one kernel at the same time can leave a cache that Numba then misreads ("descr is NULL"):
-# each worker of pytest-xdist keeps a cache of its own. This must be set before Numba is imported.
-if _worker := os.environ.get("PYTEST_XDIST_WORKER"):
-    _cache = Path(__file__).resolve().parent.parent / ".pytest_cache" / f"numba-{_worker}"
+# The workers of pytest-xdist share what they compile. This must be set before Numba is imported.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    _cache = Path(__file__).resolve().parent.parent / ".pytest_cache" / "numba"
     os.environ.setdefault("NUMBA_CACHE_DIR", str(_cache))
 
 import pytest
@@ -24,19 +23,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the long reproductions too")
 
 
-#: what compiles the same large kernels runs in one worker, since each worker compiles for itself; the longest first
+#: What needs the same large kernels runs in one worker, one after the other: what two need at the same moment is
+#: compiled twice. The longest first; all else is handed out by the file.
 _TOGETHER = {
-    "batch": ("batch/", "training/", "agents/", "evaluation/"),
-    "flight": ("env/", "simulation/", "control/", "cli/"),
-    "adate": ("adate/", "visual/", "kalman/", "estimation/test_adate_filter.py"),
+    "batch": ("batch/", "training/"),
+    "flight": ("cli/", "env/", "agents/", "simulation/", "control/"),
+    "adate": ("adate/", "visual/", "kalman/", "planner/", "estimation/test_adate_filter.py"),
+    "certificates": ("certification/", "experiments/", "sensing/"),
 }
 
 
 def _group(nodeid: str) -> str:
-    """Name of what a test runs together with: a line of the table, else its folder."""
+    """Name of what a test runs together with: a line of the table, else its file."""
     place = nodeid.removeprefix("tests/")
     named = (name for name, places in _TOGETHER.items() if place.startswith(places))
-    return next(named, place.split("/")[0])
+    return next(named, place.split("::")[0])
 
 
 @pytest.hookimpl(optionalhook=True)

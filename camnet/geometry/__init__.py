@@ -8,5 +8,10 @@ paths need has a compiled kernel beside it.
 | `rotations` | unit quaternions, scalar first; `rotations_compiled` for single ones |
 | `pinhole`, `frustum` | projection with OpenCV's distortion; field-of-view volumes as half-spaces |
 | `regions` | operating regions and occluders: membership, exact distances, projection, overlap |
+| `kernel_cache` | compiled kernels on disk, for several processes at once |
 | `roads`, `smooth_road`, `road_graph` | lines by arc length, curves a robot can follow, networks of them |
 """
+
+from camnet.geometry.kernel_cache import take_turns as _take_turns
+
+_take_turns()
