@@ -42,8 +42,20 @@ def prepare(extras: str = "") -> Path:
     return python()
 
 
+def start(*arguments: str, quiet: bool = False) -> subprocess.Popen[str]:
+    """Start the environment's interpreter in the project's root; what it says is kept for later if ``quiet``."""
+    return subprocess.Popen(
+        [str(python()), *arguments],
+        cwd=ROOT,
+        env={**os.environ, **THREADS},
+        stdout=subprocess.PIPE if quiet else None,
+        stderr=subprocess.STDOUT if quiet else None,
+        text=True,
+    )
+
+
 def run(*arguments: str) -> None:
     """Run the environment's interpreter in the project's root; leave with its status if it fails."""
-    status = subprocess.call([str(python()), *arguments], cwd=ROOT, env={**os.environ, **THREADS})
+    status = start(*arguments).wait()
     if status:
         raise SystemExit(status)

@@ -1,6 +1,7 @@
 """Lint, types, import contracts and tests, in the project's own environment.
 
-``--slow`` adds the long reproductions; every other argument goes to pytest.
+``--slow`` adds the long reproductions; every other argument goes to pytest. Types are checked beside the tests; what is
+found is said at the end.
 """
 
 from __future__ import annotations
@@ -16,9 +17,15 @@ def main() -> None:
     arguments = sys.argv[1:]
     _environment.run("-m", "ruff", "check", ".")
     _environment.run("-m", "ruff", "format", "--check", ".")
-    _environment.run("-m", "mypy")
     _environment.run("-c", "from importlinter.cli import lint_imports_command as c; c()")
-    _environment.run("-m", "pytest", "-n", "2", "--dist", "loadscope", "-q", *arguments)
+    types = _environment.start("-m", "mypy", quiet=True)
+    try:
+        tests = _environment.start("-m", "pytest", "-n", "2", "--dist", "loadscope", "-q", *arguments).wait()
+        said, _ = types.communicate()
+    finally:
+        types.kill()
+    print(f"mypy: {said.strip()}", flush=True)
+    raise SystemExit(types.returncode or tests)
 
 
 if __name__ == "__main__":
