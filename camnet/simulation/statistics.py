@@ -10,7 +10,7 @@ import numpy as np
 from camnet.certification.monitor import DwellMonitor
 from camnet.certification.network import DwellCertificates
 from camnet.estimation.delayed import underlying
-from camnet.estimation.protocol import Learns
+from camnet.estimation.protocol import Learns, TargetFilter
 from camnet.simulation.metrics import ErrorRecord, delay_summary
 from camnet.types import Snapshot
 from camnet.world.protocol import Flown
@@ -45,8 +45,7 @@ class RunStatistics:
             for m in targets
         ]
         self._driving = self.errors[simulation.filter_names[0]]
-        inner = [underlying(f) for f in simulation.driving]
-        self._learns = [f if isinstance(f, Learns) else None for f in inner]
+        self._learns = [_learner(f) for f in simulation.driving]
         self._certificate: tuple[float, dict[str, Any]] = (-math.inf, {})
         self.collisions: list[tuple[float, str, str]] = []
         self.region_exits = 0
@@ -180,6 +179,12 @@ class RunStatistics:
     def baselines(self, simulation: NetworkSimulation) -> dict[str, Any]:
         """Error rows of the estimators that ran beside the driving one."""
         return {name: ErrorRecord.pooled(self.errors[name]).summary() for name in simulation.filter_names[1:]}
+
+
+def _learner(filter_: TargetFilter) -> Learns | None:
+    """Return what learns in a filter, if anything does."""
+    inner = underlying(filter_)
+    return inner if isinstance(inner, Learns) else None
 
 
 def _excited(learner: Learns | None, camera: int, weight_bound: float, visit_s: float) -> tuple[bool, bool]:

@@ -17,7 +17,7 @@ from camnet.estimation.placement import grid_centres
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import EkfSettings, EstimatorSettings
 from camnet.geometry import rotations
-from camnet.simulation.statistics import _excited
+from camnet.simulation.statistics import _excited, _learner
 from camnet.types import CameraMotion, PoseMeasurement
 
 RATE, SPEED, RADIUS = 20.0, 0.5, 1.0
@@ -187,8 +187,10 @@ def test_the_horizon_is_finite(horizon):
 
 def test_excitation_is_told_of_the_filter_inside() -> None:
     estimator = learning()
-    assert _excited(DelayedFilter(estimator, 0.1), 0, math.inf, 5.0) == (False, False)
+    late = _learner(DelayedFilter(estimator, 0.1))
+    assert _excited(late, 0, math.inf, 5.0) == (False, False)
     estimator.model(0).integral.excited_s = 1.0
     assert _excited(estimator, 0, math.inf, 5.0) == (True, True)
-    assert _excited(DelayedFilter(estimator, 0.1), 0, math.inf, 5.0) == (True, True)
-    assert _excited(DelayedFilter(estimator, 0.1), -1, math.inf, 5.0) == (False, False)
+    assert _excited(late, 0, math.inf, 5.0) == (True, True)
+    assert _excited(late, 1, math.inf, 5.0) == (False, False)
+    assert _excited(_learner(ConstantVelocityEKF(EkfSettings(), RATE)), 0, math.inf, 5.0) == (False, False)
