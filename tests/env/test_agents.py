@@ -134,3 +134,17 @@ def test_an_auction_gives_every_target_to_one_agent(order: tuple[int, int]) -> N
     actions = Auction(teams)(observations)
     for agent, name in enumerate(names):
         assert np.sign(actions[name][0]) == (1.0 if order[agent] else -1.0)
+
+
+@pytest.mark.parametrize("agent", ["auction", "oracle", "learned"])
+def test_teams_read_named_observations_too(agent: str) -> None:
+    options = {"world": "pursuit", "max_cycles": 40, "filter_name": estimator_of(agent)}
+    flat, named = (handoff_v0.parallel_env(**options, observation_form=form) for form in ("flat", "dict"))
+    (rows, _), (parts, _) = flat.reset(seed=5), named.reset(seed=5)
+    team, other = make_team(agent, flat), make_team(agent, named)
+    for _ in range(40):
+        actions = team(rows)
+        for name, action in other(parts).items():
+            np.testing.assert_array_equal(action, actions[name])
+        rows, *_ = flat.step(actions)
+        parts, *_ = named.step(actions)
