@@ -23,6 +23,7 @@ from camnet.types import Array
 
 __all__ = ["INSIDE", "NO_BID", "Auction"]
 
+Observation = NDArray[np.float32] | Mapping[str, NDArray[np.float32]]
 #: cost of a target that an agent cannot serve; anything below it is a bid
 NO_BID = 1e6
 #: a predicted position is worth a little less than a sighting
@@ -41,20 +42,30 @@ class Auction:
         self._contexts = dict(known)
         self._rules = {name: Learned(context) for name, context in known.items()}
 
-    def __call__(self, observations: Mapping[str, NDArray[np.float32]]) -> dict[str, Action]:
+    def __call__(self, observations: Mapping[str, Observation]) -> dict[str, Action]:
         """Return an action for every observation."""
-        names = list(observations)
-        if not names:
-            return {}
-        bids = np.array([self._bids(name, observations[name]) for name in names])
-        won = dict.fromkeys(range(len(names)), -1)
-        for agent, target in zip(*linear_sum_assignment(bids), strict=True):
-            if bids[agent, target] < NO_BID:
-                won[int(agent)] = int(target)
+        flat = {name: self._flat(name, seen) for name, seen in observations.items()}
         return {
-            name: self._rules[name](self._only(name, observations[name], won[i]))
-            for i, name in enumerate(names)
+            name: self._rules[name](self._only(name, flat[name], target))
+            for name, target in self._shared_out(flat).items()
         }
+
+    def _flat(self, name: str, observation: Observation) -> NDArray[np.float32]:
+        """Observation as one row."""
+        if isinstance(observation, Mapping):
+            return np.concatenate([observation[field] for field in self._contexts[name].layout.slices])
+        return observation
+
+    def _shared_out(self, observations: Mapping[str, NDArray[np.float32]]) -> dict[str, int]:
+        """Return the target that each agent has won (-1: none)."""
+        names = list(observations)
+        won = dict.fromkeys(names, -1)
+        if names:
+            bids = np.array([self._bids(name, observations[name]) for name in names])
+            for agent, target in zip(*linear_sum_assignment(bids), strict=True):
+                if bids[agent, target] < NO_BID:
+                    won[names[int(agent)]] = int(target)
+        return won
 
     def _bids(self, name: str, observation: NDArray[np.float32]) -> Array:
         """Bid (M,) of one agent for every target, in look-ahead times."""

@@ -5,8 +5,8 @@
 | `learned` | track, meet at the predicted entry, loiter | learning estimator, one model a target |
 | `learned_shared` | the same | learning estimator, one model for all targets |
 | `ekf` | the same | constant-velocity extended Kalman filter |
-| `oracle` | the same | the truth and the true future: the best prediction |
 | `auction` | the same, each target given to one agent by auction | learning estimator |
+| `oracle` | the same, and who wins nothing minds whatever comes; cameras a little higher | the truth, now and to come |
 | `nearest` | fly towards the nearest estimate | constant-velocity extended Kalman filter |
 | `static` | stay in the middle, look down | (the same) |
 | `random` | any action | (the same) |
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from camnet.agents.auction import Auction
 from camnet.agents.learned import Learned
 from camnet.agents.nearest import Nearest
+from camnet.agents.oracle import Oracle
 from camnet.agents.policy import Action, AgentContext, Policy
 from camnet.agents.policy_file import load_policy
 from camnet.agents.random_walk import RandomWalk
@@ -41,14 +42,15 @@ _SINGLE: dict[str, Callable[[AgentContext], Policy]] = {
     "learned_shared": Learned,
     "adate": Learned,
     "ekf": Learned,
-    "oracle": Learned,
     "nearest": Nearest,
     "static": Static,
 }
 _ESTIMATOR = {"auction": "learned", "nearest": "ekf", "static": "ekf", "random": "ekf"}
 
+_TEAMS: dict[str, Callable[[Mapping[str, AgentContext]], Team]] = {"auction": Auction, "oracle": Oracle}
+
 #: names of the built-in agents
-AGENTS = (*_SINGLE, "auction", "random")
+AGENTS = (*_SINGLE, *_TEAMS, "random")
 
 
 def _is_file(name: str) -> bool:
@@ -73,7 +75,7 @@ def estimator_of(name: str) -> str:
 
 
 def build_policies(name: str, known: Mapping[str, AgentContext], seed: int = 0) -> dict[str, Policy]:
-    """Build one policy per agent; agents that act as a team (``auction``, policy files) have none.
+    """Build one policy per agent; agents that act as a team (``auction``, ``oracle``, policy files) have none.
 
     Raises
     ------
@@ -107,8 +109,8 @@ def build_team(name: str, known: Mapping[str, AgentContext], seed: int = 0) -> T
         There is no such agent, or its policy file cannot be read.
     """
     estimator_of(name)  # names are checked in one place
-    if name == "auction":
-        return Auction(known)
+    if name in _TEAMS:
+        return _TEAMS[name](known)
     if _is_file(name):
         return Trained(known, load_policy(Path(name)))
     policies = build_policies(name, known, seed)

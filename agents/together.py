@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 
 from camnet.agents.auction import INSIDE, NO_BID
 from camnet.agents.features import FeatureMap
+from camnet.agents.oracle import CAUTION_M
 from camnet.agents.policy import AgentContext
 from camnet.agents.policy_file import PolicyNet, load_policy
 from camnet.agents.roster import estimator_of
@@ -58,6 +59,11 @@ class _Facts:
     def field(self, shown: Array, name: str) -> Array:
         """Field (E, N, M) of all targets."""
         return np.asarray(shown[..., self._first[name]])
+
+    def raise_to(self, shown: Array, names: Sequence[str], least: Array) -> None:
+        """Make fields of all targets at least what ``least`` (N,) says for the agent."""
+        for name in names:
+            shown[..., self._first[name]] = np.maximum(shown[..., self._first[name]], least[:, None])
 
     def triple(self, shown: Array, name: str, m: NDArray[np.intp]) -> Array:
         """Field (E, N, 3) of the targets ``m`` (E, N)."""
@@ -158,7 +164,12 @@ class _Auction:
 
     def __call__(self, observations: NDArray[np.float32], alive: BoolArray) -> NDArray[np.float32]:
         """See `Together`."""
-        field, shown = self._facts.field, np.asarray(observations, dtype=float)
+        shown = np.asarray(observations, dtype=float)
+        return self._rule.decide(shown, self._shared_out(shown, alive))
+
+    def _shared_out(self, shown: Array, alive: BoolArray) -> NDArray[np.intp]:
+        """Targets (E, N) that the agents have won (-1: none)."""
+        field = self._facts.field
         expected = (field(shown, "coming") > 0) & (field(shown, "entry_radius") <= 1)
         bids = np.where(expected, INSIDE + field(shown, "entry_time"), NO_BID)
         bids[(field(shown, "inside") > 0) & (field(shown, "radius") <= 1)] = INSIDE
@@ -169,7 +180,19 @@ class _Auction:
             agents, targets = linear_sum_assignment(bids[e])
             taken = bids[e, agents, targets] < NO_BID
             won[e, agents[taken]] = targets[taken]
-        return self._rule.decide(shown, won)
+        return won
+
+
+class _Oracle(_Auction):
+    """`camnet.agents.oracle.Oracle` on arrays."""
+
+    def __call__(self, observations: NDArray[np.float32], alive: BoolArray) -> NDArray[np.float32]:
+        """See `Together`."""
+        least = (CAUTION_M / self._facts.width).astype(np.float32)
+        shown = np.array(observations, dtype=float)
+        self._facts.raise_to(shown, ("radius", "entry_radius"), least)
+        won = self._shared_out(shown, alive)
+        return np.where(won[..., None] < 0, self._rule.decide(shown), self._rule.decide(shown, won))
 
 
 class _Nearest:
@@ -269,6 +292,7 @@ def build_together(name: str, known: Mapping[str, AgentContext], seeds: Sequence
         return _Random(len(known), seeds)
     kinds: dict[str, Callable[[_Facts], Together]] = {
         "auction": _Auction,
+        "oracle": _Oracle,
         "nearest": _Nearest,
         "static": _Static,
     }
