@@ -185,7 +185,7 @@ class BatchSimulation:
         SimulationError
             A body's state is not finite or has left the domain; the message names the environment.
         """
-        flat = np.ascontiguousarray(actions, dtype=np.float64)
+        flat = np.require(actions, np.float64, ["C", "W"])  # a copy if read-only: one compiled form
         self._each(lambda g: self._decide(g, np.arange(g.count), False, flat[g.first : g.first + g.count]))
         if self.outcome[:, DIVERGED].any():
             e = int(np.argmax(self.outcome[:, DIVERGED]))

@@ -154,7 +154,7 @@ class PolytopeRegion:
 
     def signed_distance(self, points: ArrayLike) -> Array:
         """Distance (...,) in m of points (..., 3) to the surface, negative inside; exact on both sides."""
-        p = np.ascontiguousarray(points, dtype=np.float64)
+        p = np.array(points, dtype=np.float64, order="C")  # never read-only: one compiled form
         return np.asarray(signed_distance(p.reshape(-1, 3), self.A, self.b, self._triangles)).reshape(
             p.shape[:-1]
         )

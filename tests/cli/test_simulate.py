@@ -33,7 +33,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short run with every picture."""
     folder = tmp_path_factory.mktemp("run") / "quickstart"
     assert (
-        main(["simulate", "quickstart", "--duration", "12", "--out", str(folder), "--seed", "3", "--quiet"])
+        main(["simulate", "quickstart", "--duration", "6", "--out", str(folder), "--seed", "3", "--quiet"])
         == 0
     )
     return folder
@@ -68,7 +68,7 @@ def test_the_summary_has_what_others_rely_on(finished: Path) -> None:
 def test_the_log_says_what_the_summary_says(finished: Path) -> None:
     log = pd.read_parquet(finished / "log.parquet")
     summary = json.loads((finished / "summary.json").read_text())["summary"]
-    assert len(log) == 120
+    assert len(log) == 60
     assert (log["robot.seen_by"] >= 0).mean() == pytest.approx(summary["time_in_view"], abs=0.03)
     seen = log[(log["robot.seen_by"] >= 0) & (log["t_s"] > 1.0)]
     error = ((seen["robot.learned.p_x_m"] - seen["robot.p_x_m"]) ** 2).mean() ** 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,23 +38,33 @@ def weights(folder: Path) -> np.ndarray:
     return np.concatenate([w.ravel() for w in (*net.weights, *net.biases, net.mean, net.scale)])
 
 
-def test_the_same_seed_gives_the_same_policy_and_another_seed_another(tmp_path: Path) -> None:
-    result = train(SMALL, 3, tmp_path / "a", None)
-    train(SMALL, 3, tmp_path / "b", None)
-    train(SMALL, 4, tmp_path / "c", None)
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Folder and result of a whole run with seed 3."""
+    folder = tmp_path_factory.mktemp("trained") / "whole"
+    return folder, train(SMALL, 3, folder, None)
+
+
+def test_the_same_seed_gives_the_same_policy_and_another_seed_another(
+    trained: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    whole, result = trained
+    train(SMALL, 3, tmp_path / "again", None)
+    train(SMALL, 4, tmp_path / "other", None)
     assert result["steps"] == 512
     assert len(result["episodes"]) == 2
-    np.testing.assert_array_equal(weights(tmp_path / "a"), weights(tmp_path / "b"))
-    assert not np.array_equal(weights(tmp_path / "a"), weights(tmp_path / "c"))
+    np.testing.assert_array_equal(weights(whole), weights(tmp_path / "again"))
+    assert not np.array_equal(weights(whole), weights(tmp_path / "other"))
 
 
-def test_a_run_that_was_stopped_ends_as_one_that_was_not(tmp_path: Path) -> None:
-    train(SMALL, 3, tmp_path / "whole", None)
+def test_a_run_that_was_stopped_ends_as_one_that_was_not(
+    trained: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
     train(SMALL.model_copy(update={"steps": 256}), 3, tmp_path / "parts", None)
     halfway = weights(tmp_path / "parts")
     train(SMALL, 3, tmp_path / "parts", None)
     assert not np.array_equal(halfway, weights(tmp_path / "parts"))
-    np.testing.assert_array_equal(weights(tmp_path / "whole"), weights(tmp_path / "parts"))
+    np.testing.assert_array_equal(weights(trained[0]), weights(tmp_path / "parts"))
     with pytest.raises(DataError, match="other settings, seed or version"):
         train(SMALL, 5, tmp_path / "parts", None)
 

@@ -74,5 +74,7 @@ def constant_acceleration(dt_s: float, density: float = 1e-4, noise: ArrayLike |
 def kernel_model(model: LinearModel | SteeringModel) -> tuple[int, Array, Array, Array]:
     """Give what the kernels take: kind, parameter vector, F and Q (unused ones are small dummies)."""
     if isinstance(model, LinearModel):
-        return LINEAR, np.zeros(10), model.transition.copy(), model.noise.copy()
-    return STEERING, model.parameters.copy(), np.eye(10), np.zeros((10, 10))
+        unused = np.zeros(10)
+        unused.setflags(write=False)  # as those of the steering models: one compiled form for both
+        return LINEAR, unused, model.transition.copy(), model.noise.copy()
+    return STEERING, model.parameters, np.eye(10), np.zeros((10, 10))
