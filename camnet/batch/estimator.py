@@ -49,6 +49,7 @@ from camnet.batch.estimator_layout import (
     counts_of,
     model_of,
     reset,
+    reset_lent,
 )
 from camnet.batch.estimator_learn import lose, note_pose, refresh_prior
 from camnet.batch.estimator_measured import active_sigma, align, correct_seen, learn, resight
@@ -73,6 +74,7 @@ __all__ = [
     "predict",
     "predict_lent",
     "reset",
+    "reset_lent",
     "rollout",
     "rollout_lent",
 ]

@@ -41,6 +41,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator_field import Kernels, pack_kernels
 from camnet.errors import ConfigError
@@ -69,6 +70,7 @@ __all__ = [
     "order_of",
     "place_of",
     "reset",
+    "reset_lent",
     "row_of",
     "sigma_of",
     "weights_of",
@@ -410,8 +412,8 @@ def allocate(
     return state
 
 
-@outer
-def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
+@inner
+def reset_lent(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
     """Make row ``row`` as new: nothing seen, nothing learned."""
     pose, flags = state.pose[row], state.flags[row]
     for i in range(POSE_COLUMNS):
@@ -424,6 +426,12 @@ def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
     flags[REGION], flags[GAP_MODEL] = -1, -1
     for j in range(setup.rules.models):
         _reset_model(setup.rules, flags, state.data[row], j)
+
+
+@outer
+def reset(setup: EstimatorSetup, state: EstimatorState, row: int) -> None:
+    """See ``reset_lent``."""
+    reset_lent(lend(setup), lend(state), row)
 
 
 @inner

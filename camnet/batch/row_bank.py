@@ -24,7 +24,7 @@ from camnet.batch.estimator_layout import (
 )
 from camnet.batch.estimator_transfer import learned_weights
 from camnet.batch.row_excitation import RowExcitation
-from camnet.batch.row_kernel import BANK, CAMERA, OFFERED, Bank, advance_row, perceive, rollout_row
+from camnet.batch.row_kernel import BANK, CAMERA, OFFERED, Bank, advance_row, perceive, reset_row, rollout_row
 from camnet.errors import ConfigError
 from camnet.estimation.observation import measured_world_pose
 from camnet.estimation.propagate import TWIST_OUTPUTS
@@ -34,9 +34,9 @@ from camnet.sensing.survey import Lookout, Survey
 from camnet.simulation.filters import TargetTruth
 from camnet.simulation.network import Network
 from camnet.simulation.perception import Perceived
-from camnet.types import Array, BoolArray, PoseMeasurement, Snapshot, TargetEstimate
+from camnet.types import Array, BoolArray, IntArray, PoseMeasurement, Snapshot, TargetEstimate
 
-__all__ = ["RowBank", "RowFilter", "row_filters", "rows_can"]
+__all__ = ["RowBank", "RowFilter", "RowFilters", "rows_can"]
 
 
 def rows_can(network: Network) -> bool:
@@ -51,9 +51,19 @@ def rows_can(network: Network) -> bool:
     return True
 
 
-def row_filters(network: Network, truths: Sequence[TargetTruth]) -> list[RowFilter]:
-    """Make fresh estimators ``learned`` of all targets: a `camnet.simulation.loop.FilterMaker`."""
-    return RowBank(network, len(truths)).filters
+class RowFilters:
+    """Makes estimators ``learned`` of all targets, as new, in the same rows each time: a `loop.FilterMaker`."""
+
+    def __init__(self) -> None:
+        self._bank: RowBank | None = None
+
+    def __call__(self, network: Network, truths: Sequence[TargetTruth]) -> list[RowFilter]:
+        """Return them; those of an earlier call are of no use any more."""
+        if self._bank is None:
+            self._bank = RowBank(network, len(truths))
+        else:
+            self._bank.restart()
+        return self._bank.filters
 
 
 def _setup(network: Network) -> EstimatorSetup:
@@ -73,58 +83,38 @@ class RowBank:
 
     def __init__(self, network: Network, targets: int) -> None:
         settings = network.scenario.estimator
-        self.setup, self.regions = _setup(network), len(network.regions)
+        self.setup, self.regions, self._stack = _setup(network), len(network.regions), settings.stack
         self.state: EstimatorState = allocate(self.setup, settings, targets)
         self.out, self.found = np.zeros((targets, 17)), np.zeros((targets, 5))
         self.world = np.zeros((targets, 7))
-        self._pin(network, targets)
-        models = range(self.setup.rules.models)
-        self.excitation = [
-            [RowExcitation(self.setup, self.state, m, j, settings.stack) for j in models]
-            for m in range(targets)
-        ]
-        self.filters = [RowFilter(self, m) for m in range(targets)]
-        for row in self.filters:
-            row.advance(-math.inf)
+        self._seers: IntArray = np.zeros(2, dtype=np.int64)
+        self._connected: tuple[Lookout, PoseSensor] | None = None
+        self.pinned = BANK.pin(Bank(self.setup, self.state, self._seers, self.world, self.found, self.out))
+        self.restart()
 
-    def _pin(self, network: Network, targets: int) -> None:
-        """Pin the rows; what is seen and measured comes later, see `connect`."""
-        self._seer: tuple[Lookout, PoseSensor] | None = None
-        cameras = len(network.cameras)
-        nothing = Bank(
-            setup=self.setup,
-            rows=self.state,
-            survey_at=0,
-            frame_at=0,
-            visible=np.zeros((cameras, targets), dtype=np.bool_),
-            pairs=np.zeros((cameras * targets, 2), dtype=np.int64),
-            poses=np.zeros((cameras * targets, 7)),
-            world=self.world,
-            found=self.found,
-            out=self.out,
-        )
-        self.pinned = BANK.pin(nothing)
+    def restart(self) -> None:
+        """Make all rows as new."""
+        for m in range(len(self.out)):
+            reset_row(self.pinned.at, m)
+        setup, state, models = self.setup, self.state, range(self.setup.rules.models)
+        self.excitation = [
+            [RowExcitation(setup, state, m, j, self._stack) for j in models] for m in range(len(self.out))
+        ]
+        self.filters = [RowFilter(self, m) for m in range(len(self.out))]
+        self._connected = None
 
     def connect(self, lookout: Lookout, sensor: PoseSensor) -> None:
         """Take over looking and measuring."""
-        self._seer = lookout, sensor
-        self.pinned = BANK.pin(
-            self.pinned.value._replace(
-                survey_at=lookout.at,
-                frame_at=sensor.at,
-                visible=lookout.visible,
-                pairs=sensor.pairs,
-                poses=sensor.poses,
-            )
-        )
+        self._connected = lookout, sensor
+        self._seers[:] = lookout.at, sensor.at
 
     def perceive(
         self, now: Snapshot, exceptions: BoolArray, working: BoolArray, rng: np.random.Generator
     ) -> Perceived:
         """See `camnet.simulation.perception.Perceiver`."""
-        if self._seer is None:
+        if self._connected is None:
             raise ConfigError("perceive: nothing to look with; connect first")
-        lookout, sensor = self._seer
+        lookout, sensor = self._connected
         sensor.draw(rng)
         spacing_m = perceive(
             self.pinned.at,

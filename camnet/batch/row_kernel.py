@@ -18,13 +18,14 @@ from camnet.batch.estimator import (
     correct_lent,
     estimate_lent,
     predict_lent,
+    reset_lent,
     rollout_lent,
 )
 from camnet.batch.estimator_layout import REGION, TWIST, P, T
 from camnet.geometry.pinned import Pins
 from camnet.geometry.triples import borrowing, multiply, quaternion, rotate
-from camnet.sensing.pose_sensor import measure_frame
-from camnet.sensing.survey import survey_truth
+from camnet.sensing.pose_sensor import frame_at, measure_frame
+from camnet.sensing.survey import facts_at, survey_truth
 from camnet.types import Array, BoolArray, IntArray
 
 __all__ = [
@@ -50,9 +51,7 @@ class Bank(NamedTuple):
 
     | field | shape | what |
     | --- | --- | --- |
-    | ``survey_at``, ``frame_at`` | | addresses of the facts of `survey_truth` and of `measure_frame` |
-    | ``visible`` | (C,M) | written by `survey_truth` |
-    | ``pairs``, ``poses`` | (C M,2), (C M,7) | written by `measure_frame` |
+    | ``seers`` | (2,) | addresses for `survey_truth` and for `measure_frame` |
     | ``world`` | (M,7) | measured poses in the world |
     | ``found`` | (M,5) | columns CAMERA ... TURN |
     | ``out`` | (M,17) | estimates as in `camnet.batch.estimator.ESTIMATE`, and the region |
@@ -60,11 +59,7 @@ class Bank(NamedTuple):
 
     setup: EstimatorSetup
     rows: EstimatorState
-    survey_at: int
-    frame_at: int
-    visible: BoolArray
-    pairs: IntArray
-    poses: Array
+    seers: IntArray
     world: Array
     found: Array
     out: Array
@@ -77,20 +72,21 @@ _bank = BANK.of
 @inner
 def _take(x: Bank, m: int, count: int, camera_p: Array, camera_q: Array) -> None:
     """Bring the nearest of the measurements of target ``m`` into the world."""
-    best, least = -1, math.inf
+    frame = frame_at(x.seers[1])
+    pairs, poses, best, least = frame.pairs, frame.out, -1, math.inf
     for i in range(count):
-        if x.pairs[i, 1] == m:
-            square = x.poses[i, 0] ** 2 + x.poses[i, 1] ** 2 + x.poses[i, 2] ** 2
+        if pairs[i, 1] == m:
+            square = poses[i, 0] ** 2 + poses[i, 1] ** 2 + poses[i, 2] ** 2
             if square < least:
                 best, least = i, square
     x.found[m, CAMERA] = -1.0
     if best < 0:
         return
-    c = x.pairs[best, 0]
+    c = pairs[best, 0]
     x.found[m, CAMERA] = c
     q = quaternion(camera_q, c, 0)
-    p = rotate(q, (x.poses[best, 0], x.poses[best, 1], x.poses[best, 2]))
-    full = multiply(q, quaternion(x.poses, best, 3))
+    p = rotate(q, (poses[best, 0], poses[best, 1], poses[best, 2]))
+    full = multiply(q, quaternion(poses, best, 3))
     norm = 1.0 / math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2 + full[3] ** 2)
     for i in range(3):
         x.world[m, i] = camera_p[c, i] + p[i]
@@ -147,8 +143,8 @@ def perceive(
 ) -> float:
     """Look at the truth at ``t_s``, measure, and advance all estimators; the least distance between two agents, m."""
     x = _bank(at)
-    spacing = survey_truth(x.survey_at, agent_p, camera_p, camera_q, target_p, target_q, exceptions, working)
-    count = measure_frame(x.frame_at, x.visible, camera_p, camera_q, target_p, target_q)
+    spacing = survey_truth(x.seers[0], agent_p, camera_p, camera_q, target_p, target_q, exceptions, working)
+    count = measure_frame(x.seers[1], facts_at(x.seers[0]).visible, camera_p, camera_q, target_p, target_q)
     for m in range(target_p.shape[0]):
         _take(x, m, count, camera_p, camera_q)
         x.found[m, MISS] = _miss(x, m, t_s, target_p) if x.found[m, CAMERA] >= 0.0 else 0.0
@@ -161,6 +157,15 @@ def perceive(
 def advance_row(at: int, m: int, t_s: float) -> None:
     """Advance row ``m`` alone, with the measurement in ``world`` if ``found`` names a camera."""
     _advance(_bank(at), m, t_s)
+
+
+@borrowing
+def reset_row(at: int, m: int) -> None:
+    """Make row ``m`` as new."""
+    x = _bank(at)
+    reset_lent(x.setup, x.rows, m)
+    x.found[m, CAMERA] = -1.0
+    _advance(x, m, -math.inf)
 
 
 @borrowing

@@ -25,7 +25,7 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import wrappers
 from pettingzoo.utils.conversions import parallel_to_aec
 
-from camnet.batch.row_bank import row_filters, rows_can
+from camnet.batch.row_bank import RowFilters, rows_can
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
 from camnet.control.setpoints import Setpoint
@@ -304,7 +304,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
 def _open_simulation(scenario: Scenario, filter_name: str) -> NetworkSimulation:
     """Build network and world; the learning estimator is in rows of arrays where its settings allow."""
     network = build_network(scenario)
-    makers = {"learned": row_filters} if filter_name == "learned" and rows_can(network) else {}
+    makers = {"learned": RowFilters()} if filter_name == "learned" and rows_can(network) else {}
     world = PyBulletWorld(network.description)
     return NetworkSimulation(network, world, (filter_name,), scenario.seed, makers)
 

@@ -21,7 +21,7 @@ from camnet.geometry.triples import borrowing, conjugate, exp, multiply, quatern
 from camnet.sensing.settings import SensingSettings
 from camnet.types import Array, BoolArray, CameraMotion, IntArray, PoseMeasurement, Snapshot
 
-__all__ = ["PoseSensor", "camera_motion", "measure_frame"]
+__all__ = ["PoseSensor", "camera_motion", "frame_at", "measure_frame"]
 
 #: times within this many frame periods of a frame count as on it
 _EARLY = 1e-6
@@ -44,7 +44,8 @@ class _Frame(NamedTuple):
 
 
 _PINS = Pins(_Frame)
-_frame = _PINS.of
+#: in compiled code: the frame at an address
+frame_at = _PINS.of
 
 
 @borrowing
@@ -52,7 +53,7 @@ def measure_frame(
     at: int, visible: BoolArray, camera_p: Array, camera_q: Array, target_p: Array, target_q: Array
 ) -> int:
     """Write the measurements of a frame; how many there are."""
-    x = _frame(at)
+    x = frame_at(at)
     count, scale = 0, x.scale
     for c in range(visible.shape[0]):
         for m in range(visible.shape[1]):

@@ -15,7 +15,7 @@ from camnet.geometry.pinned import Pins
 from camnet.geometry.triples import Triple, borrowing, into, matrix, norm, out_of, quaternion, triple
 from camnet.types import Array, BoolArray, IntArray, Snapshot
 
-__all__ = ["Lookout", "Survey", "first_seers", "survey_truth"]
+__all__ = ["Lookout", "Survey", "facts_at", "first_seers", "survey_truth"]
 
 
 class Survey(NamedTuple):
@@ -51,7 +51,8 @@ class _Facts(NamedTuple):
 
 
 _PINS = Pins(_Facts)
-_facts = _PINS.of
+#: in compiled code: the facts at an address
+facts_at = _PINS.of
 
 
 @borrowing
@@ -110,7 +111,7 @@ def survey_truth(
     working: BoolArray,
 ) -> float:
     """Write what `Lookout.look` returns; the least distance between two agents, m."""
-    x = _facts(at)
+    x = facts_at(at)
     n_targets, n_agents = target_p.shape[0], agent_p.shape[0]
     for m in range(n_targets):
         x.who[0, m] = x.who[1, m] = -1
