@@ -29,6 +29,7 @@ from camnet.errors import ConfigError
 from camnet.estimation.observation import measured_world_pose
 from camnet.estimation.propagate import TWIST_OUTPUTS
 from camnet.estimation.protocol import Rollout
+from camnet.geometry.kernel_cache import announce
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.survey import Lookout, Survey
 from camnet.simulation.filters import TargetTruth
@@ -60,6 +61,7 @@ class RowFilters:
     def __call__(self, network: Network, truths: Sequence[TargetTruth]) -> list[RowFilter]:
         """Return them; those of an earlier call are of no use any more."""
         if self._bank is None:
+            announce(perceive, "the environment's estimators")
             self._bank = RowBank(network, len(truths))
         else:
             self._bank.restart()

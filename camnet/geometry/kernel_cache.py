@@ -7,6 +7,7 @@ turns, folder by folder; where the system has no such locks, all is as Numba has
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +20,9 @@ try:
 except ImportError:  # not a POSIX system
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["take_turns"]
+__all__ = ["announce", "take_turns"]
+
+_LOG = logging.getLogger(__name__)
 
 #: the inside of Numba has no types
 _Cache: Any = _IndexDataCacheFile
@@ -49,3 +52,10 @@ def take_turns() -> None:
     """Let this process take turns with others in reading and writing compiled kernels; called once, on import."""
     if fcntl is not None:
         _Cache.save, _Cache.load = _in_turn(_Cache.save), _in_turn(_Cache.load)
+
+
+def announce(kernel: Any, what: str) -> None:  # noqa: ANN401 - a compiled function
+    """Warn that ``what`` has to be compiled first, if there is no code of ``kernel`` on disk yet; call before it."""
+    files = getattr(kernel._cache, "_cache_file", None)
+    if not kernel.signatures and files is not None and not Path(files._index_path).exists():
+        _LOG.warning("compiling %s; this takes a minute or two, once on this machine", what)
