@@ -68,13 +68,16 @@ class Targets:
         SimulationError
             A target's pose is not finite.
         """
-        if len(self._motions) == 1:
-            self._now = self._next(0, t_s, step)[None, :_SHOWN]
-        else:
-            self._now = np.empty((len(self._motions), _SHOWN))
-            for k in range(len(self._motions)):
-                self._now[k] = self._next(k, t_s, step)[:_SHOWN]
-        return self._now
+        path, used = self._paths[0] if len(self._paths) == 1 else None, self._used
+        if path is not None and used[0] < len(path):
+            self._now = path[used[0] : used[0] + 1, :_SHOWN]
+            used[0] += 1
+            return self._now
+        now = np.empty((len(self._motions), _SHOWN))
+        for k in range(len(self._motions)):
+            now[k] = self._next(k, t_s, step)[:_SHOWN]
+        self._now = now
+        return now
 
     def _next(self, k: int, t_s: float, step: int) -> Array:
         """Next state of target ``k``, as a row."""

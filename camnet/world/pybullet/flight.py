@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import numpy as np
 import pybullet as pb
@@ -20,6 +20,7 @@ from camnet.world.settings import PhysicsSettings, WindSettings
 
 __all__ = ["Flight", "model_from_settings"]
 
+_NOBODY: Set[tuple[str, str]] = frozenset()
 #: how far an acceleration carries an agent in a control period beyond its velocity, generously, m
 _REACH_M = 0.1
 
@@ -99,12 +100,8 @@ class Flight:
         c, position, velocity = self._engine.client, pb.getBasePositionAndOrientation, pb.getBaseVelocity
         flat: list[float] = []
         for b in self._numbers:
-            p, q = position(b, c)
-            v, w = velocity(b, c)
-            flat += p
-            flat += q
-            flat += v
-            flat += w
+            (p, q), (v, w) = position(b, c), velocity(b, c)
+            flat += (*p, *q, *v, *w)
         self._write(self.bodies.data, 0, *flat)
 
     def _wind(self, wind: WindSettings, dt: float) -> Array:
@@ -139,14 +136,19 @@ class Flight:
             )
         )
 
-    def step(self, watch: bool) -> set[tuple[str, str]]:
+    def step(self, watch: bool) -> Set[tuple[str, str]]:
         """Fly for the control period whose command is held; returns the pairs of names that touched.
 
         ``watch``: something may touch. Contacts are then looked up after every physics step; else nobody is asked.
         The gimbals have yet to make their last turn: `observe`.
         """
-        touched: set[tuple[str, str]] = set()
         self._engine.watch(watch)
+        if not watch and self._periods == 1:
+            self._push(self.bodies[:, :3].tolist())
+            self._before[...] = self.bodies
+            self._read()
+            return _NOBODY
+        touched: set[tuple[str, str]] = set()
         for period in range(self._periods):
             if period:
                 turn_gimbals(self._before, self.bodies, self.memory, self._command, self._constants)
