@@ -21,8 +21,8 @@ adate, ekf, oracle, auction, nearest, static, random) or policy files that `camn
   camnet evaluate --world quickstart,loop_8 --agents learned,runs/train/policy.npz --episodes 200 --out runs/scores
   camnet evaluate --world camnet/Handoff-Failures-v0 --agents learned,auction,ekf --episodes 50
 
-With --out: result.json, table.md, report.html, episodes/ (one line an episode; the same command goes on where it
-was stopped), and with --videos the best and worst episode of the reference on each world."""
+With --out: result.json, table.md, report.html, scores_WORLD.png, episodes/ (one line an episode; the same command
+goes on where it was stopped), and with --videos the best and worst episode of the reference on each world."""
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it

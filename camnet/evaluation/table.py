@@ -6,8 +6,9 @@ import html
 from pathlib import Path
 from typing import Any
 
+from camnet.evaluation.plot import draw_scores
 from camnet.evaluation.scores import METRICS
-from camnet.report.html import table, write_page
+from camnet.report.html import picture, table, write_page
 
 __all__ = ["markdown", "write_tables"]
 
@@ -32,9 +33,15 @@ def _cell(figure: dict[str, Any] | None) -> str:
     return f"{figure['mean']:.4g} [{low:.4g}, {high:.4g}]"
 
 
+def _measured(entry: dict[str, Any]) -> list[str]:
+    """Columns in which any agent has a figure."""
+    return [name for name in _COLUMNS if any(scores[name] for scores in entry["agents"].values())]
+
+
 def _rows(entry: dict[str, Any]) -> list[list[str]]:
     order = sorted(entry["agents"], key=lambda a: -entry["agents"][a]["return"]["mean"])
-    return [[agent, *(_cell(entry["agents"][agent][name]) for name in _COLUMNS)] for agent in order]
+    names = _measured(entry)
+    return [[agent, *(_cell(entry["agents"][agent][name]) for name in names)] for agent in order]
 
 
 def _differences(entry: dict[str, Any]) -> list[list[str]]:
@@ -43,6 +50,17 @@ def _differences(entry: dict[str, Any]) -> list[list[str]]:
         cells = [f"{_cell(f)}, p = {f['p']:.2g}" if f else "–" for f in found.values()]
         rows.append([agent, *cells])
     return rows
+
+
+def _broken(rows: list[list[str]]) -> list[list[str]]:
+    """Cells with the interval on a line of its own."""
+    return [[row[0], *(cell.replace(" [", "\n[", 1) for cell in row[1:])] for row in rows]
+
+
+def _words(names: list[str]) -> list[str]:
+    """Headings that can be broken between words, with units."""
+    return [name.removesuffix(f"_{unit}").replace("_", " ") + (f" ({unit})" if unit else "")
+            for name, unit in ((n, METRICS[n].unit) for n in names)]  # fmt: skip
 
 
 def _lines(head: list[str], rows: list[list[str]]) -> list[str]:
@@ -54,7 +72,7 @@ def markdown(content: dict[str, Any]) -> str:
     parts = []
     for entry in content["worlds"]:
         parts += [f"## {entry['world']}: {entry['episodes']} episodes", ""]
-        parts += [*_lines(["agent", *_COLUMNS], _rows(entry)), ""]
+        parts += [*_lines(["agent", *_measured(entry)], _rows(entry)), ""]
         if entry["comparisons"]:
             parts += [f"`{content['reference']}` less each other agent, on the same seeds:", ""]
             names = list(next(iter(entry["comparisons"].values())))
@@ -63,19 +81,22 @@ def markdown(content: dict[str, Any]) -> str:
 
 
 def write_tables(folder: Path, content: dict[str, Any], videos: dict[str, list[Path]]) -> None:
-    """Write ``table.md`` and ``report.html``."""
+    """Write ``table.md``, ``report.html`` and a picture of each world's scores, ``scores_WORLD.png``."""
     (folder / "table.md").write_text(markdown(content), encoding="utf-8")
     parts = ["<h1>Evaluation</h1>"]
     for entry in content["worlds"]:
         parts.append(f"<h2>{html.escape(entry['world'])}: {entry['episodes']} episodes</h2>")
-        parts.append(table(["agent", *_COLUMNS], _rows(entry)))
+        plot = folder / f"scores_{entry['world'].replace('/', '_')}.png"
+        draw_scores(plot, entry, content["reference"])
+        parts.append(picture(plot, f"scores of {html.escape(entry['world'])}"))
+        parts.append(table(["agent", *_words(_measured(entry))], _broken(_rows(entry))))
         if entry["comparisons"]:
             reference = html.escape(content["reference"])
             parts.append(
                 f"<p><b>{reference}</b> less each other agent on the same seeds, sign-flip test:</p>"
             )
             names = list(next(iter(entry["comparisons"].values())))
-            parts.append(table(["agent", *names], _differences(entry)))
+            parts.append(table(["agent", *_words(names)], _broken(_differences(entry))))
         for path in videos.get(entry["world"], []):
             parts.append(
                 f'<p>{html.escape(path.stem)}</p><video controls src="{html.escape(path.name)}"></video>'

@@ -24,18 +24,23 @@ td,th{padding:.25rem .8rem;border-bottom:1px solid #e5e5e5;text-align:right}
 td:first-child,th:first-child,td.words{text-align:left}th{font-weight:600;background:#f6f5f1}img,video{max-width:100%}
 .figures{display:flex;gap:1.2rem;flex-wrap:wrap}.figures div{background:#f6f5f1;padding:.6rem 1rem;border-radius:.4rem}
 .figures b{display:block;font-size:1.3rem}.warn{background:#fdecea;padding:.6rem 1rem;border-radius:.4rem}
+.wide{overflow-x:auto}td small{display:block;color:#777;white-space:nowrap}
 pre{background:#f6f5f1;padding:1rem;overflow-x:auto;font-size:12px}
 """
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return an HTML table; cells are escaped."""
+    """Return an HTML table; cells are escaped, and stand in small letters from their first line break on."""
     line = "<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"
     body = "".join(
-        "<tr>" + "".join(f"<td{_class(c)}>{html.escape(_cell(c))}</td>" for c in row) + "</tr>"
-        for row in rows
+        "<tr>" + "".join(f"<td{_class(c)}>{_lines(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
     )
-    return f"<table>{line}{body}</table>"
+    return f'<div class="wide"><table>{line}{body}</table></div>'
+
+
+def _lines(text: str) -> str:
+    first, _, more = text.partition("\n")
+    return html.escape(first) + (f"<small>{html.escape(more)}</small>" if more else "")
 
 
 def _class(value: object) -> str:

@@ -40,7 +40,7 @@ def test_the_table_is_whole_resumed_and_independent_of_processes(
     more = run(capsys, "--episodes", "3", "--jobs", "2", "--out", str(tmp_path / "a"))
     alone = run(capsys, "--episodes", "3", "--jobs", "1", "--out", str(tmp_path / "b"))
     assert more == alone
-    for name in ("result.json", "table.md", "report.html"):
+    for name in ("result.json", "table.md", "report.html", "scores_quickstart.png"):
         assert (tmp_path / "a" / name).stat().st_size > 0
 
 
