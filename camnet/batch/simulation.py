@@ -24,6 +24,7 @@ from camnet.batch.network import Model, Shown, pack_network
 from camnet.batch.observe import NEIGHBOUR_FIELDS, OWN_FIELDS, TARGET_FIELDS
 from camnet.batch.state import State, allocate, restart
 from camnet.errors import ConfigError, SimulationError
+from camnet.geometry.kernel_cache import announce
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, IntArray
 
@@ -149,6 +150,7 @@ class BatchSimulation:
             (environments, network.n_agents, self.observation_size), dtype=np.float32
         )
         self.outcome = np.zeros((environments, 4))
+        announce(self.groups[0].estimators.decide, f"the batch back end with estimator {filter_name!r}")
 
     def _maker(self, held: FrozenModel | None, duration_s: float) -> Callable[[int], Any]:
         network, model = self.network, self.model
