@@ -23,21 +23,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the long reproductions too")
 
 
-#: What needs the same large kernels runs in one worker, one after the other: what two need at the same moment is
-#: compiled twice. The longest first; all else is handed out by the file.
+#: What needs the same large kernels runs in one worker, in the order of the row: what two workers need at the same
+#: moment is compiled twice, so the estimators in rows come early in one and late in the other. The longest row first.
 _TOGETHER = {
-    "batch": ("batch/", "training/"),
-    "flight": ("cli/", "env/", "agents/", "simulation/", "control/"),
+    "batch": ("batch/test_batch_estimator", "batch/", "training/"),
+    "flight": ("cli/test_simulate", "control/", "simulation/", "cli/", "agents/", "env/"),
     "adate": ("adate/", "visual/", "kalman/", "planner/", "estimation/test_adate_filter.py"),
     "certificates": ("certification/", "experiments/", "sensing/"),
 }
 
 
-def _group(nodeid: str) -> str:
-    """Name of what a test runs together with: a line of the table, else its file."""
-    place = nodeid.removeprefix("tests/")
-    named = (name for name, places in _TOGETHER.items() if place.startswith(places))
-    return next(named, place.split("::")[0])
+def _place(nodeid: str) -> tuple[str, int]:
+    """What a test runs together with (a row of the table, else its file), and where in the row it is."""
+    path = nodeid.removeprefix("tests/").split("::")[0]
+    for name, row in _TOGETHER.items():
+        for k, start in enumerate(row):
+            if path.startswith(start):
+                return name, k
+    return path, 0
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -49,15 +52,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object | 
 
     class Groups(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return _group(nodeid)
+            return _place(nodeid)[0]
 
     config.option.loadscopereorder = False  # in the order of collection
     return Groups(config, log)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    order = list(_TOGETHER)
-    items.sort(key=lambda item: order.index(g) if (g := _group(item.nodeid)) in order else len(order))
+    rank = {name: k for k, name in enumerate(_TOGETHER)}
+    items.sort(key=lambda item: (rank.get((at := _place(item.nodeid))[0], len(rank)), at[1]))
     if config.getoption("--slow"):
         return
     skip = pytest.mark.skip(reason="long reproduction: run with --slow")
