@@ -31,7 +31,9 @@ def test_every_registered_environment_conforms_over_whole_episodes(
     name: str, mode: str, filter_name: str
 ) -> None:
     failures = {"failures": {"rate_per_s": 0.5}} if "Failures" in name else {}
-    make = maker(name, filter_name=filter_name, max_cycles=40, action_mode=mode, **failures)
+    # the truth has no noise: in still air two seeds may rightly give one episode
+    air = {"overrides": ("physics.wind.gust_std_mps=0.3",)} if filter_name == "oracle" else {}
+    make = maker(name, filter_name=filter_name, max_cycles=40, action_mode=mode, **air, **failures)
     check_batch(make, cycles=60)
 
 
