@@ -19,7 +19,7 @@ import numpy as np
 from camnet.batch.state import ESTIMATE
 from camnet.env.batch_chance import Chance
 from camnet.env.encode import BeliefRows
-from camnet.env.messages import SILENCE_S
+from camnet.env.messages import heard_lately
 from camnet.env.settings import EnvSettings
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, IntArray
@@ -156,7 +156,7 @@ class BatchMessages:
         held[..., ESTIMATE["p"]] += age[..., None] * held[..., ESTIMATE["v"]]
         held[..., ESTIMATE["radius"]] += age * self._speeds
         silence_s = now.t_s[:, None, None] - self._peers_sent_s[rows]
-        heard = silence_s <= SILENCE_S + self._settings.message_delay_s
+        heard = heard_lately(silence_s, self._settings.message_delay_s)
         return _rows(now, held, self._entries[rows], self._peers_p[rows], heard)
 
     def _post(self, rows: IntArray, now: Present, news: Array, entries: Array, keeper: IntArray) -> None:

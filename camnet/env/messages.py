@@ -30,12 +30,18 @@ from camnet.env.settings import EnvSettings
 from camnet.simulation.entries import Entry
 from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.network import Network
-from camnet.types import BoolArray
+from camnet.types import Array, BoolArray
 
-__all__ = ["SILENCE_S", "Messages", "messages_are_perfect"]
+__all__ = ["SILENCE_S", "Messages", "heard_lately", "messages_are_perfect"]
 
 #: an agent that was not heard for so long (beyond the delay) is left out of the neighbours
 SILENCE_S = 2.0
+
+
+def heard_lately(silence_s: Array, delay_s: float) -> BoolArray:
+    """Whether whom one has not heard for so long is still among the neighbours."""
+    # all times are multiples of a decision: at the very end of the silence rounding must not decide
+    return np.asarray(silence_s <= SILENCE_S + delay_s + 1e-9)
 
 
 def messages_are_perfect(network: Network, settings: EnvSettings) -> bool:
@@ -104,7 +110,7 @@ class Messages:
             seen_by_me=shared.seen_by_me,
             entries=[list(row) for row in self._entries],
             peers_p_world=self._peers_p.copy(),
-            peers_known=shared.t_s - self._peers_sent_s <= SILENCE_S + self._settings.message_delay_s,
+            peers_known=heard_lately(shared.t_s - self._peers_sent_s, self._settings.message_delay_s),
         )
 
     def _post(self, simulation: NetworkSimulation, shared: Beliefs) -> _Post:

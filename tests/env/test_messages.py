@@ -9,7 +9,7 @@ import numpy as np
 from camnet.env import handoff_v0
 from camnet.env.beliefs import Beliefs, shared_beliefs
 from camnet.env.encode import BeliefEncoder
-from camnet.env.messages import Messages, messages_are_perfect
+from camnet.env.messages import Messages, heard_lately, messages_are_perfect
 from camnet.env.single import built_in
 
 
@@ -129,3 +129,10 @@ def test_a_target_whose_keeper_fails_is_not_heard_of_until_it_is_seen_again() ->
         again.beliefs().p_world[(others[0] + 1) % 4], again.beliefs().p_world[others[0]]
     )
     again.close()
+
+
+def test_rounding_does_not_decide_who_is_still_a_neighbour() -> None:
+    now, sent = 0.1 * np.arange(22, 3000), 0.1 * np.arange(2978)
+    assert (now - sent > 2.2).any()
+    assert heard_lately(now - sent, 0.2).all()
+    assert not heard_lately(now[1:] - sent[:-1], 0.2).any()
