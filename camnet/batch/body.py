@@ -9,7 +9,11 @@ gimbal follow at the physics rate.
     v+ = v + dt (F / m + g)          w+ = w + dt R J^-1 (tau - w_b x J w_b)          gyroscopic term explicit
     p+ = p + dt v+                   q+ = exp(dt w+ / 2) q, normalised               with the new velocities
 
-so a trajectory agrees with PyBullet's to rounding as long as nothing touches.
+so a trajectory agrees with PyBullet's to rounding as long as nothing touches. Turning is worked out in the body's
+frame, which saves a matrix in every step:
+
+    w_b+ = w_b + dt J^-1 (tau_b - w_b x J w_b)      the step's turn is about w_b+ itself and leaves it as it is
+    q+ = q exp(dt w_b+ / 2)                         tau_b+ = R(exp(dt w_b+ / 2))^T tau_b, as tau stays in the world
 
 | array | row of one agent | as in |
 | --- | --- | --- |
@@ -164,7 +168,7 @@ def lag_rotor(goal: float, speed: float, c: Constants) -> float:
 
 @inlined
 def push(q: Quaternion, v: Triple, wind: Triple, squares: _FourRotors, c: Constants) -> tuple[Triple, Triple]:
-    """Gain of velocity in a physics step, and torque in the world; ``squares`` of speeds are summed over a period."""
+    """Gain of velocity in a physics step, and torque on the body; ``squares`` of speeds are summed over a period."""
     mass, gravity, share = c[1], c[13], 1.0 / c[26]
     dt, lever, kq = c[0] * share, c[5] * c[6] * share, c[7] * share
     s = squares
@@ -178,32 +182,31 @@ def push(q: Quaternion, v: Triple, wind: Triple, squares: _FourRotors, c: Consta
     air = into(r, (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2]))
     force = out_of(r, (-c[10] * air[0], -c[11] * air[1], lift - c[12] * air[2]))
     gain = (dt / mass * force[0], dt / mass * force[1], dt * (force[2] / mass - gravity))
-    return gain, out_of(r, tau)
+    return gain, tau
 
 
 @inlined
-def rigid_step(
-    p: Triple, q: Quaternion, v: Triple, w: Triple, gain: Triple, torque: Triple, dt: float, c: Constants
-) -> tuple[Triple, Triple, Triple]:
-    """Position and velocities after a physics step: ``gain`` is what velocity gains, ``torque`` is in the world."""
-    r = matrix(q)
-    wb, tau = into(r, w), into(r, torque)
-    jx, jy, jz = c[2], c[3], c[4]
-    grown = (
-        dt / jx * (tau[0] - (jz - jy) * wb[1] * wb[2]),
-        dt / jy * (tau[1] - (jx - jz) * wb[2] * wb[0]),
-        dt / jz * (tau[2] - (jy - jx) * wb[0] * wb[1]),
-    )
-    a = out_of(r, grown)
-    w = (w[0] + a[0], w[1] + a[1], w[2] + a[2])
+def shifted(p: Triple, v: Triple, gain: Triple, dt: float) -> tuple[Triple, Triple]:
+    """Position and velocity after a physics step in which the velocity gains ``gain``."""
     v = (v[0] + gain[0], v[1] + gain[1], v[2] + gain[2])
-    return (p[0] + dt * v[0], p[1] + dt * v[1], p[2] + dt * v[2]), v, w
+    return (p[0] + dt * v[0], p[1] + dt * v[1], p[2] + dt * v[2]), v
 
 
 @inlined
-def spun(by: Quaternion, q: Quaternion) -> Quaternion:
-    """``by q``, normalised: both are of unit length to rounding, so one step of Newton's for the root is exact."""
-    q = multiply(by, q)
+def spun_up(w: Triple, torque: Triple, dt: float, c: Constants) -> Triple:
+    """Angular velocity after a physics step under a torque, both in the body's frame."""
+    jx, jy, jz = c[2], c[3], c[4]
+    return (
+        w[0] + dt / jx * (torque[0] - (jz - jy) * (w[1] * w[2])),
+        w[1] + dt / jy * (torque[1] - (jx - jz) * (w[2] * w[0])),
+        w[2] + dt / jz * (torque[2] - (jy - jx) * (w[0] * w[1])),
+    )
+
+
+@inlined
+def spun(q: Quaternion, by: Quaternion) -> Quaternion:
+    """``q by``, normalised: both are of unit length to rounding, so one step of Newton's for the root is exact."""
+    q = multiply(q, by)
     scale = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 
@@ -229,8 +232,8 @@ def gimbal_goals(
     x, z = c1 * x - s1 * z, s1 * x + c1 * z
     y, z = c2 * y + s2 * z, c2 * z - s2 * y
     wx, wy, wz = u[0] - x, u[1] - y, u[2] - z
-    safe = max(abs(c1), 0.05) * (-1.0 if c1 < 0 else 1.0)
-    yaw_rate = -(s2 * wy + c2 * wz) / safe
+    safe = -1.0 / (max(abs(c1), 0.05) * (-1.0 if c1 < 0 else 1.0))
+    yaw_rate = (s2 * wy + c2 * wz) * safe
     return yaw_rate, c2 * wy - s2 * wz, wx - s1 * yaw_rate
 
 
@@ -314,10 +317,14 @@ def fly(
         goals, before, integral, axis, rate = aim_thrust(q, v, w, u, a, heading, integral, axis, rate, c)
         rotors, squares = _lag_rotors(goals, rotors, c)
         gain, torque = push(q, v, wind, squares, c)
+        after = before
         for _ in range(substeps):
-            p, v, w = rigid_step(p, q, v, w, gain, torque, dt, c)
-            q = spun(turn(dt * w[0], dt * w[1], dt * w[2]), q)
-        joints, rates = _turn_gimbal(joints, rates, w_cam, before, rotate_inverse(q, w), c)
+            p, v = shifted(p, v, gain, dt)
+            after = spun_up(after, torque, dt, c)
+            by = turn(dt * after[0], dt * after[1], dt * after[2])
+            q, torque = spun(q, by), rotate_inverse(by, torque)
+        w = rotate(q, after)
+        joints, rates = _turn_gimbal(joints, rates, w_cam, before, after, c)
     _store(bodies, memory, e, n, p, q, v, w, rotors, joints, rates)
     for i in range(3):
         memory[e, n, 10 + i], memory[e, n, 13 + i], memory[e, n, 16 + i] = integral[i], axis[i], rate[i]

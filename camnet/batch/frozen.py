@@ -20,27 +20,24 @@ model answers for its motion the prior is renewed when it is next needed rather 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
 from camnet.batch.borrow import lend
-from camnet.batch.compiled import inlined, inner, owner
+from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator_learn import fit_motion
-from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
+from camnet.batch.frozen_motion import Frozen, blended, learned, midpoint
+from camnet.batch.loop import finish, fly_and_sense, open_decision
 from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
-from camnet.batch.sense import sense
 from camnet.batch.state import State
-from camnet.batch.triples import cosine_and_sine, turn
+from camnet.batch.triples import turn
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.observation import LOST_PERIODS
-from camnet.estimation.projection import axis_factor
-from camnet.estimation.propagate import POSE_LAYER_M
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
-from camnet.estimation.road_prior import RoadMap, offset_of, turning_rate
+from camnet.estimation.road_prior import offset_of
 from camnet.geometry.triples import Quaternion, Triple, multiply
 from camnet.types import Array, IntArray
 
@@ -50,114 +47,6 @@ __all__ = ["Frozen", "decide"]
 _MAX_STEP_S = 0.05
 #: share of the motion that the model leaves to the prior from which on the prior is kept up to date while seen
 _PRIOR_MATTERS = 0.05
-_Twist = tuple[float, float, float, float, float, float, float]
-
-
-class Frozen(NamedTuple):
-    """Tables, settings and state; see the module's text. K models, R regions.
-
-    Attributes
-    ----------
-    table : (K, rows, columns, 7) velocity, angular velocity and support over places
-    model_of : (M, R) model of a target in a region
-    grid : (3,) x, y of the table's first place and the reciprocal of its spacing
-    low, high : (3,) bounds of the tracking space
-    k1, k2, switching, layer : feedback
-    prior, turn_memory_s, handover_s : remedies of the gap
-    samples, reset_on_sighting : poses in a fit; whether a new sighting restarts the pose
-    roads : that the prior follows
-    """
-
-    table: Array
-    model_of: IntArray
-    grid: Array
-    low: Array
-    high: Array
-    k1: float
-    k2: float
-    switching: int
-    layer: float
-    prior: int
-    turn_memory_s: float
-    handover_s: float
-    samples: int
-    reset_on_sighting: bool
-    roads: RoadMap
-    pose: Array
-    history: Array
-    fitted: Array
-    held: IntArray
-    square: Array
-    rates: Array
-
-
-@inlined
-def _learned(f: Frozen, k: int, x: float, y: float) -> _Twist:
-    """Velocity (world), angular velocity (body) and support that model ``k`` has learned at a place."""
-    u, v = (x - f.grid[0]) * f.grid[2], (y - f.grid[1]) * f.grid[2]
-    rows, columns = f.table.shape[1], f.table.shape[2]
-    if not (0.0 <= u < columns - 1 and 0.0 <= v < rows - 1):
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    i, j = int(v), int(u)
-    b, a = v - i, u - j
-    c00, c01, c10, c11 = (1.0 - b) * (1.0 - a), (1.0 - b) * a, b * (1.0 - a), b * a
-    t = f.table
-    return (
-        c00 * t[k, i, j, 0] + c01 * t[k, i, j + 1, 0] + c10 * t[k, i + 1, j, 0] + c11 * t[k, i + 1, j + 1, 0],
-        c00 * t[k, i, j, 1] + c01 * t[k, i, j + 1, 1] + c10 * t[k, i + 1, j, 1] + c11 * t[k, i + 1, j + 1, 1],
-        c00 * t[k, i, j, 2] + c01 * t[k, i, j + 1, 2] + c10 * t[k, i + 1, j, 2] + c11 * t[k, i + 1, j + 1, 2],
-        c00 * t[k, i, j, 3] + c01 * t[k, i, j + 1, 3] + c10 * t[k, i + 1, j, 3] + c11 * t[k, i + 1, j + 1, 3],
-        c00 * t[k, i, j, 4] + c01 * t[k, i, j + 1, 4] + c10 * t[k, i + 1, j, 4] + c11 * t[k, i + 1, j + 1, 4],
-        c00 * t[k, i, j, 5] + c01 * t[k, i, j + 1, 5] + c10 * t[k, i + 1, j, 5] + c11 * t[k, i + 1, j + 1, 5],
-        c00 * t[k, i, j, 6] + c01 * t[k, i, j + 1, 6] + c10 * t[k, i + 1, j, 6] + c11 * t[k, i + 1, j + 1, 6],
-    )
-
-
-@inlined
-def _blended(learned: _Twist, v: Triple, w: Triple, use_prior: bool) -> tuple[Triple, Triple, float]:
-    """Twist with the prior mean where the model does not answer, and the support u in [0, 1]."""
-    support = min(1.0, max(0.0, learned[6]))
-    rest = 1.0 - support if use_prior else 0.0
-    return (
-        (learned[0] + rest * v[0], learned[1] + rest * v[1], learned[2] + rest * v[2]),
-        (learned[3] + rest * w[0], learned[4] + rest * w[1], learned[5] + rest * w[2]),
-        support,
-    )
-
-
-@inlined
-def _moved(f: Frozen, p: Triple, v: Triple, dt: float) -> Triple:
-    """Position after ``dt``, projected onto the tracking bounds."""
-    return (
-        p[0] + dt * v[0] * axis_factor(p[0], v[0], f.low[0], f.high[0], POSE_LAYER_M),
-        p[1] + dt * v[1] * axis_factor(p[1], v[1], f.low[1], f.high[1], POSE_LAYER_M),
-        p[2] + dt * v[2] * axis_factor(p[2], v[2], f.low[2], f.high[2], POSE_LAYER_M),
-    )
-
-
-@inlined
-def _midpoint(
-    f: Frozen, k: int, p: Triple, pv: Triple, pw: Triple, dt: float, fade: float, share: float, offset: float
-) -> tuple[Triple, Triple, Triple, Triple, Triple]:
-    """One midpoint step: position, twist (v, w) on the way, prior (v, w) after it.
-
-    ``fade`` is what is left of the prior's turn after ``dt``, ``share`` how far the prior follows the learned motion,
-    ``offset`` the way along a road.
-    """
-    on_road, rate = turning_rate(p[0], p[1], pv[0], pv[1], offset, f.roads)
-    if on_road:
-        pw = (0.0, 0.0, rate)
-    v, _, _ = _blended(_learned(f, k, p[0], p[1]), pv, pw, f.prior > 0)
-    middle = _moved(f, p, v, 0.5 * dt)
-    v, w, support = _blended(_learned(f, k, middle[0], middle[1]), pv, pw, f.prior > 0)
-    if f.prior == 2:
-        c, s = cosine_and_sine(dt * pw[2])
-        pv = (c * pv[0] - s * pv[1], s * pv[0] + c * pv[1], pv[2])
-        pw = (fade * pw[0], fade * pw[1], fade * pw[2])
-    b = support * share
-    pv = (pv[0] + b * (v[0] - pv[0]), pv[1] + b * (v[1] - pv[1]), pv[2] + b * (v[2] - pv[2]))
-    pw = (pw[0] + b * (w[0] - pw[0]), pw[1] + b * (w[1] - pw[1]), pw[2] + b * (w[2] - pw[2]))
-    return _moved(f, p, v, dt), v, w, pv, pw
 
 
 @inner
@@ -186,7 +75,7 @@ def _advance(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
     pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
     v, w, offset = pv, pw, _road_offset(f, state, e, m)
     for _ in range(steps):
-        p, v, w, pv, pw = _midpoint(f, k, p, pv, pw, dt, fade, share, offset)
+        p, v, w, pv, pw = midpoint(f, k, p, pv, pw, dt, fade, share, offset)
         q = multiply(q, turn(dt * w[0], dt * w[1], dt * w[2]))
     _keep(f, state, e, m, t_s, p, q, v, w)
     for i in range(3):
@@ -313,11 +202,11 @@ def _restart_pose(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
 def _follow(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) -> None:
     """In view, (3-8), (4-16): the model's rates at the measured pose, then the feedback."""
     z, pose, r = state.measured, f.pose, _memory(f, state, e, m)
-    learned = _learned(f, f.model_of[m, 0] + r, z[e, m, 0], z[e, m, 1])
-    if 1.0 - learned[6] > _PRIOR_MATTERS:
+    answer = learned(f, f.model_of[m, 0] + r, z[e, m, 0], z[e, m, 1])
+    if 1.0 - answer[6] > _PRIOR_MATTERS:
         _refresh_prior(f, e, m)
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
-    v, w, _ = _blended(learned, pv, (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13]), f.prior > 0)
+    v, w, _ = blended(answer, pv, (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13]), f.prior > 0)
     dt = t_s - pose[e, m, 0]
     q: Quaternion = (pose[e, m, 4], pose[e, m, 5], pose[e, m, 6], pose[e, m, 7])
     spin = multiply(q, (0.0, w[0], w[1], w[2]))
@@ -393,7 +282,7 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
     growth, offset = _growth(f, state, e, m), _road_offset(f, state, e, m)
     for i in range(path.shape[0]):
         for _ in range(substeps):
-            p, _, _, pv, pw = _midpoint(f, k, p, pv, pw, h, fade, share, offset)
+            p, _, _, pv, pw = midpoint(f, k, p, pv, pw, h, fade, share, offset)
         path[i, 0], path[i, 1], path[i, 2] = p
         path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
 
@@ -412,18 +301,10 @@ def _decide_one(
     outcome: Array,
 ) -> None:
     """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
-    targets = state.target.shape[1]
-    t_s = 0.0
-    if fresh:
-        place_cameras(model, state, e)
-        start_references(state, e)
-    else:
-        begin(model, state, e, actions)
-    for _ in range(1 if fresh else model.decide_every):
-        if not fresh:
-            t_s = fly_once(model, state, e)
-        if sensing_due(model, state, e):
-            sense(model, state, e, noise)
+    targets, t_s = state.target.shape[1], 0.0
+    for _ in range(open_decision(model, state, e, fresh, actions)):
+        t_s, sensed = fly_and_sense(model, state, e, fresh, noise)
+        if sensed:
             for m in range(targets):
                 update(f, model, state, e, m, t_s)
             after_sense(model, state, e, t_s)

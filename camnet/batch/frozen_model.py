@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from camnet.batch.frozen import Frozen
+from camnet.batch.lane_layout import on_cache_lines
 from camnet.errors import ConfigError
 from camnet.estimation.basis import CUTOFF, RbfBasis
 from camnet.estimation.concurrent_learning import SWITCHING
@@ -128,7 +129,9 @@ def _learn(network: Network, m: int, duration_s: float, rng: np.random.Generator
 
 
 def tabulate(model: FrozenModel, bounds: Array) -> tuple[Array, Array]:
-    """Table (K, rows, columns, 7) of twist and support over the ground, and its grid (3,): corner and 1 / spacing.
+    """Table (K, rows, columns, 8) of twist and support over the ground, and its grid (3,): corner and 1 / spacing.
+
+    A place has eight numbers, the last one unused, so that it lies in one cache line.
 
     Raises
     ------
@@ -153,13 +156,13 @@ def tabulate(model: FrozenModel, bounds: Array) -> tuple[Array, Array]:
     x, y = low[0] + spacing * np.arange(columns), low[1] + spacing * np.arange(rows)
     outputs = np.r_[0:6, UNIT]
     weights = model.weights[:, :, outputs].transpose(1, 0, 2).reshape(basis.size, -1)  # (p, K 7)
-    table = np.empty((rows, columns, len(model.weights), 7))
+    table = np.zeros((rows, columns, len(model.weights), 8))
     for i, place_y in enumerate(y):
         e = np.stack(np.broadcast_arrays(x, place_y), axis=-1)[:, None] - basis.centres
         quad = np.einsum("ckd,kdf,ckf->ck", e, basis.precision, e)
         sigma = np.where(quad < CUTOFF, np.exp(-0.5 * quad), 0.0)
-        table[i] = (sigma @ weights).reshape(columns, -1, 7)
-    return np.ascontiguousarray(table.transpose(2, 0, 1, 3)), np.array([*low, 1.0 / spacing])
+        table[i, :, :, :7] = (sigma @ weights).reshape(columns, -1, 7)
+    return on_cache_lines(table.transpose(2, 0, 1, 3)), np.array([*low, 1.0 / spacing])
 
 
 def frozen_state(

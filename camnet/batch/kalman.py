@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from camnet.batch.book import after_sense
 from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, inner_owner, owner
-from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
+from camnet.batch.loop import finish, fly_and_sense, open_decision
 from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
-from camnet.batch.sense import sense
 from camnet.batch.state import State
 from camnet.estimation.ekf import START_RATE_RADPS, START_SPEED_MPS
 from camnet.estimation.ekf_step import correct_state, predict_state
@@ -128,18 +127,10 @@ def _decide_one(
     outcome: Array,
 ) -> None:
     """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
-    targets = state.target.shape[1]
-    t_s = 0.0
-    if fresh:
-        place_cameras(model, state, e)
-        start_references(state, e)
-    else:
-        begin(model, state, e, actions)
-    for _ in range(1 if fresh else model.decide_every):
-        if not fresh:
-            t_s = fly_once(model, state, e)
-        if sensing_due(model, state, e):
-            sense(model, state, e, noise)
+    targets, t_s = state.target.shape[1], 0.0
+    for _ in range(open_decision(model, state, e, fresh, actions)):
+        t_s, sensed = fly_and_sense(model, state, e, fresh, noise)
+        if sensed:
             for m in range(targets):
                 update(kalman, model, state, e, m, t_s)
             after_sense(model, state, e, t_s)

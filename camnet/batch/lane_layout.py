@@ -18,6 +18,7 @@ __all__ = [
     "build_lanes",
     "load_flight",
     "load_plan",
+    "on_cache_lines",
     "show",
     "store_flight",
     "store_plan",
@@ -37,7 +38,8 @@ MOTION, REFERENCE = 45, 13
 SETPOINT, ASKED = 58, 5
 # what is commanded: velocity, acceleration, angular velocity of the camera, heading (cosine, sine), wind
 U, A, LOOK, HEADING, WIND = 63, 66, 69, 72, 74
-# of one period: (cosine, sine) of the joints, gain of velocity, torque, body rates before and after
+# of one period: (cosine, sine) of the joints, gain of velocity; in the body's frame: torque, angular velocity at the
+# beginning and now
 CIRCLES, GAIN, TORQUE, BEFORE, AFTER = 77, 83, 86, 89, 92
 # speeds asked of the rotors, sums of their squares, largest square of an angular velocity
 GOALS, SQUARES, LARGEST = 95, 99, 103
@@ -53,6 +55,15 @@ LOW, HIGH = 162, 165
 ROWS = 168
 
 
+def on_cache_lines(values: Array) -> Array:
+    """Copy of an array that begins where a cache line does, so that what is 64 bytes long lies in one."""
+    room = np.empty(values.size + 8)
+    first = -room.ctypes.data // 8 % 8
+    copy = room[first : first + values.size].reshape(values.shape)
+    copy[...] = values
+    return copy
+
+
 def build_lanes(n_agents: int, yaw: Array, half_yaw: Array, boxes: Array, discs: Array, wind: Array) -> Array:
     """Workspaces (B, 4 ROWS) of so many agents, their constants in place; arrays as in `camnet.batch.network.Model`."""
     blocks = -(-n_agents // LANES)
@@ -62,7 +73,7 @@ def build_lanes(n_agents: int, yaw: Array, half_yaw: Array, boxes: Array, discs:
         x[b, HEADING : HEADING + 2, lane], x[b, HALF_YAW : HALF_YAW + 2, lane] = yaw[n], half_yaw[n]
         x[b, DISC : DISC + 3, lane], x[b, WIND : WIND + 3, lane] = discs[n], wind
         x[b, LOW : LOW + 3, lane], x[b, HIGH : HIGH + 3, lane] = boxes[n]
-    return x.reshape(blocks, -1)
+    return on_cache_lines(x.reshape(blocks, -1))
 
 
 @inlined

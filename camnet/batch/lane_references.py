@@ -45,17 +45,17 @@ Limits = tuple[float, float, float, float, float]
 
 
 @inlined
-def _switch(e: float, code: int, layer: float) -> float:
+def _switch(e: float, code: int, per_layer: float) -> float:
     sign = 1.0 if e > 0.0 else (-1.0 if e < 0.0 else 0.0)
-    straight = min(max(e / layer, -1.0), 1.0)
-    smooth = tanh(e / layer)
+    straight = min(max(e * per_layer, -1.0), 1.0)
+    smooth = tanh(e * per_layer)
     return smooth if code == 2 else (straight if code == 1 else sign)
 
 
 @inner
 def _ask(x: Array, gains: Gains, code: int) -> None:
     """Command velocity and angular velocity of the cameras."""
-    k1, d_l, d_a, layer = gains
+    k1, d_l, d_a, per_layer = gains[0], gains[1], gains[2], 1.0 / gains[3]
     for i in range(LANES):
         gaze, rate = get_pair(x, MOTION + 9, i), get_pair(x, MOTION + 11, i)
         pan, tilt = circle(gaze[0]), circle(gaze[1])
@@ -67,14 +67,14 @@ def _ask(x: Array, gains: Gains, code: int) -> None:
         a, ahead = even_rotation_vector(off), rotate_inverse(off, w_d)
         e = (p[0] - p_d[0], p[1] - p_d[1], p[2] - p_d[2])  # (4-3)
         u: Triple = (
-            v_d[0] - k1 * e[0] - d_l * _switch(e[0], code, layer),  # (4-6)
-            v_d[1] - k1 * e[1] - d_l * _switch(e[1], code, layer),
-            v_d[2] - k1 * e[2] - d_l * _switch(e[2], code, layer),
+            v_d[0] - k1 * e[0] - d_l * _switch(e[0], code, per_layer),  # (4-6)
+            v_d[1] - k1 * e[1] - d_l * _switch(e[1], code, per_layer),
+            v_d[2] - k1 * e[2] - d_l * _switch(e[2], code, per_layer),
         )
         w: Triple = (
-            ahead[0] - k1 * a[0] - d_a * _switch(a[0], code, layer),  # (4-6)
-            ahead[1] - k1 * a[1] - d_a * _switch(a[1], code, layer),
-            ahead[2] - k1 * a[2] - d_a * _switch(a[2], code, layer),
+            ahead[0] - k1 * a[0] - d_a * _switch(a[0], code, per_layer),  # (4-6)
+            ahead[1] - k1 * a[1] - d_a * _switch(a[1], code, per_layer),
+            ahead[2] - k1 * a[2] - d_a * _switch(a[2], code, per_layer),
         )
         put(x, U, i, u)
         put(x, A, i, get(x, MOTION + 6, i))
@@ -90,12 +90,37 @@ def ask_lanes(x: Array, gains: Array, code: int) -> None:
 
 @inlined
 def _depth(x: Array, lane: int, p: Triple) -> float:
-    """Depth of a point inside the lane's region, a box or an upright cylinder: `camnet.batch.reference.clearance`."""
-    low, high, disc = get(x, LOW, lane), get(x, HIGH, lane), get(x, DISC, lane)
-    dx, dy = p[0] - disc[0], p[1] - disc[1]
-    round_ = disc[2] - math.sqrt(dx * dx + dy * dy) if disc[2] > 0.0 else math.inf
+    """Depth of a point inside the box around the lane's region."""
+    low, high = get(x, LOW, lane), get(x, HIGH, lane)
     across = min(p[0] - low[0], high[0] - p[0], p[1] - low[1], high[1] - p[1])
-    return min(min(across, p[2] - low[2], high[2] - p[2]), round_)
+    return min(across, p[2] - low[2], high[2] - p[2])
+
+
+@inlined
+def _shallower(x: Array, row: int, lane: int, p: Triple) -> None:
+    """Make a depth that of the point inside the lane's upright cylinder if it is one and this is less."""
+    disc = get(x, DISC, lane)
+    dx, dy = p[0] - disc[0], p[1] - disc[1]
+    depth = disc[2] - math.sqrt(dx * dx + dy * dy)
+    x[row * LANES + lane] = min(x[row * LANES + lane], depth if disc[2] > 0.0 else math.inf)
+
+
+@inner
+def _mind_cylinders(x: Array) -> None:
+    """Count the depth inside cylinders as well: `camnet.batch.reference.clearance`."""
+    for i in range(LANES):
+        _shallower(x, DEPTHS, i, get(x, MOTION, i))
+        _shallower(x, DEPTHS + 1, i, get(x, NEXT, i))
+        _shallower(x, DEPTHS + 2, i, get(x, STOP, i))
+        _shallower(x, DEPTHS + 3, i, get(x, GENTLE_STOP, i))
+
+
+@inner
+def _any_cylinder(x: Array) -> bool:
+    widest = 0.0
+    for i in range(LANES):
+        widest = max(widest, x[(DISC + 2) * LANES + i])
+    return widest > 0.0
 
 
 @inner
@@ -131,7 +156,9 @@ def _go_on(x: Array, margin: float, limits: tuple[float, float, float], dt: floa
         x[ALLOWED * LANES + i] = allowed
         for j in range(9):
             old, new = x[(MOTION + j) * LANES + i], x[(NEXT + j) * LANES + i]
-            x[(MOTION + j) * LANES + i] = new if allowed > 0.0 else old
+            x[(MOTION + j) * LANES + i] = (
+                allowed * new + (1.0 - allowed) * old
+            )  # a choice would become a branch
         look = gaze_step(
             get_pair(x, MOTION + 9, i),
             get_pair(x, MOTION + 11, i),
@@ -150,6 +177,8 @@ def follow_lanes(x: Array, margin: float, limits: Array, gaze_limits: Array, dt:
     """Move the references on for a control period; False if one of them has to brake (``ALLOWED`` 0) and waits."""
     c = (limits[0], limits[1], limits[2], limits[3], limits[4])
     _want(x, c, dt)
+    if _any_cylinder(x):
+        _mind_cylinders(x)
     _go_on(x, margin, (gaze_limits[0], gaze_limits[1], gaze_limits[2]), dt)
     going = 0.0
     for i in range(LANES):

@@ -21,8 +21,9 @@ from camnet.batch.body import (
     joint,
     lag_rotor,
     push,
-    rigid_step,
+    shifted,
     spun,
+    spun_up,
     turned,
 )
 from camnet.batch.compiled import inlined, inner
@@ -62,7 +63,7 @@ from camnet.batch.lane_layout import (
     put_four,
 )
 from camnet.batch.triples import SMALL, circle, small_circle, small_turn
-from camnet.geometry.triples import Triple, rotate_inverse
+from camnet.geometry.triples import Triple, rotate, rotate_inverse
 from camnet.types import Array
 
 __all__ = ["fly_lanes", "note_joints"]
@@ -97,6 +98,7 @@ def _aim(x: Array, c: Constants) -> None:
         put_four(x, GOALS, i, goals)
         put_four(x, SQUARES, i, (0.0, 0.0, 0.0, 0.0))
         put(x, BEFORE, i, rate)
+        put(x, AFTER, i, rate)
         put(x, INTEGRAL, i, integral)
         put(x, AXIS, i, axis)
         put(x, AXIS_RATE, i, axis_rate)
@@ -136,7 +138,7 @@ def _spin_rotors(x: Array, steps: int, c: Constants) -> None:
 
 @inlined
 def _push(x: Array, c: Constants) -> None:
-    """Gains of velocity in a physics step, and torques in the world."""
+    """Gains of velocity in a physics step, and torques on the bodies."""
     for i in range(LANES):
         gain, torque = push(orientation(x, i), get(x, V, i), get(x, WIND, i), get_four(x, SQUARES, i), c)
         put(x, GAIN, i, gain)
@@ -147,31 +149,25 @@ def _push(x: Array, c: Constants) -> None:
 def _move(x: Array, dt: float, c: Constants) -> None:
     """One physics step of the bodies."""
     for i in range(LANES):
-        q = orientation(x, i)
-        p, v, w = rigid_step(
-            get(x, P, i),
-            q,
-            get(x, V, i),
-            get(x, W, i),
-            get(x, GAIN, i),
-            get(x, TORQUE, i),
-            dt,
-            c,
-        )
-        q = spun(small_turn(dt * w[0], dt * w[1], dt * w[2]), q)
+        p, v = shifted(get(x, P, i), get(x, V, i), get(x, GAIN, i), dt)
+        torque = get(x, TORQUE, i)
+        w = spun_up(get(x, AFTER, i), torque, dt, c)
+        by = small_turn(dt * w[0], dt * w[1], dt * w[2])
+        q = spun(orientation(x, i), by)
         put(x, P, i, p)
         put_four(x, Q, i, (q[1], q[2], q[3], q[0]))
         put(x, V, i, v)
-        put(x, W, i, w)
+        put(x, AFTER, i, w)
+        put(x, TORQUE, i, rotate_inverse(by, torque))
         square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
         x[LARGEST * LANES + i] = max(x[LARGEST * LANES + i], square)
 
 
 @inlined
 def _note_rates(x: Array) -> None:
-    """Angular velocities of the bodies in their own frames after the period."""
+    """Angular velocities of the bodies in the world after the period."""
     for i in range(LANES):
-        put(x, AFTER, i, rotate_inverse(orientation(x, i), get(x, W, i)))
+        put(x, W, i, rotate(orientation(x, i), get(x, AFTER, i)))
 
 
 @inlined

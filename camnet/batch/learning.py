@@ -19,10 +19,9 @@ from camnet.batch.estimator import (
     rollout_lent,
 )
 from camnet.batch.estimator_layout import T
-from camnet.batch.loop import begin, finish, fly_once, place_cameras, sensing_due, start_references
+from camnet.batch.loop import finish, fly_and_sense, open_decision
 from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
-from camnet.batch.sense import sense
 from camnet.batch.state import State
 from camnet.types import Array, IntArray
 
@@ -74,18 +73,10 @@ def _decide_one(
     outcome: Array,
 ) -> None:
     """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
-    targets = state.target.shape[1]
-    t_s = 0.0
-    if fresh:
-        place_cameras(model, state, e)
-        start_references(state, e)
-    else:
-        begin(model, state, e, actions)
-    for _ in range(1 if fresh else model.decide_every):
-        if not fresh:
-            t_s = fly_once(model, state, e)
-        if sensing_due(model, state, e):
-            sense(model, state, e, noise)
+    targets, t_s = state.target.shape[1], 0.0
+    for _ in range(open_decision(model, state, e, fresh, actions)):
+        t_s, sensed = fly_and_sense(model, state, e, fresh, noise)
+        if sensed:
             for m in range(targets):
                 update(est, state, e, m, t_s)
             after_sense(model, state, e, t_s)

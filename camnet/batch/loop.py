@@ -2,7 +2,7 @@
 
 The order of things is that of `camnet.simulation.loop.NetworkSimulation`, one environment after the other:
 
-    begin -> [ fly -> (at sensing instants) sense -> estimator -> after_sense ] ... -> entries -> finish
+    open_decision -> [ fly_and_sense -> (at sensing instants) estimator -> after_sense ] ... -> entries -> finish
 
 Every estimator has a driver of its own (`camnet.batch.frozen.decide`, ...), so that only its code is compiled.
 """
@@ -44,25 +44,26 @@ from camnet.batch.network import CYLINDER, Model
 from camnet.batch.observe import observe
 from camnet.batch.random import normal
 from camnet.batch.reference import position_step
+from camnet.batch.sense import sense
 from camnet.batch.state import COUNT, CYCLE, RETURN, State
 from camnet.geometry.triples import Triple
 from camnet.types import Array
 
-__all__ = ["begin", "finish", "fly_once", "place_cameras", "sensing_due"]
+__all__ = ["finish", "fly_and_sense", "open_decision"]
 
 #: columns of the outcome (E, 4) of a decision: reward, terminated, diverged, time
 REWARD, TERMINATED, DIVERGED, TIME = 0, 1, 2, 3
 
 
 @inner
-def place_cameras(model: Model, state: State, e: int) -> None:
+def _place_cameras(model: Model, state: State, e: int) -> None:
     """Put the agents' cameras where their bodies and gimbals are."""
     for n in range(state.bodies.shape[1]):
         camera_of(state.bodies, state.memory, e, n, model.offset, state.cameras)
 
 
 @inner
-def start_references(state: State, e: int) -> None:
+def _start_references(state: State, e: int) -> None:
     """Put the references at rest at the cameras."""
     for n in range(state.bodies.shape[1]):
         for i in range(13):
@@ -96,7 +97,7 @@ def _ask(model: Model, state: State, e: int, n: int, p: Triple, pan: float, tilt
 
 
 @inner
-def begin(model: Model, state: State, e: int, actions: Array) -> None:
+def _begin(model: Model, state: State, e: int, actions: Array) -> None:
     """Take actions (E, N, 5) as setpoints: in [-1, 1] as ``HandoffEnv.setpoints``, or in the world (``in_world``)."""
     for n in range(state.bodies.shape[1]):
         if model.in_world:
@@ -223,7 +224,7 @@ def _fly(model: Model, state: State, e: int) -> float:
 
 
 @inner
-def fly_once(model: Model, state: State, e: int) -> float:
+def _fly_once(model: Model, state: State, e: int) -> float:
     """Advance environment ``e`` by one control period; the time after it, s."""
     targets = state.target.shape[1]
     t_s, row = state.clock[e, COUNT] * model.dt_s, e * (2 + targets) + 2
@@ -237,9 +238,36 @@ def fly_once(model: Model, state: State, e: int) -> float:
 
 
 @inner
-def sensing_due(model: Model, state: State, e: int) -> bool:
+def _sensing_due(model: Model, state: State, e: int) -> bool:
     """Whether sensors take a frame at the present control period."""
     return int(state.clock[e, COUNT]) % model.sense_every == 0
+
+
+@inner
+def open_decision(model: Model, state: State, e: int, fresh: bool, actions: Array) -> int:
+    """Take the actions (E, N, 5) of environment ``e``, or put a ``fresh`` one in place.
+
+    Returns
+    -------
+    int
+        How often `fly_and_sense` is to be called.
+    """
+    if fresh:
+        _place_cameras(model, state, e)
+        _start_references(state, e)
+        return 1
+    _begin(model, state, e, actions)
+    return model.decide_every
+
+
+@inner
+def fly_and_sense(model: Model, state: State, e: int, fresh: bool, noise: Array) -> tuple[float, bool]:
+    """Advance by one control period, a ``fresh`` environment by none; the time then, and whether there is a frame."""
+    t_s = 0.0 if fresh else _fly_once(model, state, e)
+    due = _sensing_due(model, state, e)
+    if due:
+        sense(model, state, e, noise)
+    return t_s, due
 
 
 @inner

@@ -24,16 +24,17 @@ from numba.core import types
 from numba.extending import intrinsic as _intrinsic
 from numpy.typing import NDArray
 
-from camnet.batch.compiled import inlined, outer
+from camnet.batch.compiled import exactly, inlined
 from camnet.types import Array
 
-__all__ = ["Streams", "normal", "stream_of", "uniform"]
+__all__ = ["Streams", "normal", "normals", "stream_of", "uniform"]
 
 Streams = NDArray[np.uint64]
 
 _A_HIGH, _A_LOW = np.uint64(0x2360ED051FC65DA4), np.uint64(0x4385DF649FCCF645)
 _63 = np.uint64(63)
-_64, _58, _11, _8, _1 = np.uint64(64), np.uint64(58), np.uint64(11), np.uint64(8), np.uint64(1)
+_64, _58, _11, _9 = np.uint64(64), np.uint64(58), np.uint64(11), np.uint64(9)
+_8, _1 = np.uint64(8), np.uint64(1)
 _255, _MASK_52 = np.uint64(255), np.uint64((1 << 52) - 1)
 _TO_UNIT = 1.0 / (1 << 53)
 _LAYERS = 256
@@ -101,17 +102,30 @@ def _high_product(typing_context: Any, a: Any, b: Any) -> Any:  # noqa: ANN401 -
 
 
 @inlined
-def _next(streams: Streams, row: int) -> np.uint64:
-    """64 random bits of one stream (rows, 4), which moves on."""
-    high, low = streams[row, 0], streams[row, 1]
+def _after(
+    high: np.uint64, low: np.uint64, c_high: np.uint64, c_low: np.uint64
+) -> tuple[np.uint64, np.uint64]:
+    """Both halves of the next state, given the increment."""
     product_high = _high_product(low, _A_LOW) + high * _A_LOW + low * _A_HIGH
     product_low = low * _A_LOW
-    new_low = product_low + streams[row, 3]
+    new_low = product_low + c_low
     carry = _1 if new_low < product_low else np.uint64(0)
-    new_high = product_high + streams[row, 2] + carry
-    streams[row, 0], streams[row, 1] = new_high, new_low
-    mixed, turn = new_high ^ new_low, new_high >> _58
+    return product_high + c_high + carry, new_low
+
+
+@inlined
+def _bits(high: np.uint64, low: np.uint64) -> np.uint64:
+    """64 random bits of a state."""
+    mixed, turn = high ^ low, high >> _58
     return (mixed >> turn) | (mixed << ((_64 - turn) & _63))
+
+
+@inlined
+def _next(streams: Streams, row: int) -> np.uint64:
+    """64 random bits of one stream (rows, 4), which moves on."""
+    high, low = _after(streams[row, 0], streams[row, 1], streams[row, 2], streams[row, 3])
+    streams[row, 0], streams[row, 1] = high, low
+    return _bits(high, low)
 
 
 @inlined
@@ -120,7 +134,7 @@ def uniform(streams: Streams, row: int) -> float:
     return float(_next(streams, row) >> _11) * _TO_UNIT
 
 
-@outer
+@exactly
 def _tail(streams: Streams, row: int) -> float:
     """Distance beyond the beginning of the tail."""
     while True:
@@ -130,18 +144,19 @@ def _tail(streams: Streams, row: int) -> float:
             return x
 
 
-@outer
-def normal(streams: Streams, row: int) -> float:
-    """Draw from the standard normal distribution."""
+@inlined
+def _cut(bits: np.uint64) -> tuple[int, np.uint64, float]:
+    """Layer, 52 bits for the place in it, and the place itself."""
+    layer, size = int(bits & _255), (bits >> _9) & _MASK_52
+    x = float(size) * _W[layer]
+    return layer, size, -x if (bits >> _8) & _1 else x
+
+
+@exactly
+def _settled(streams: Streams, row: int, bits: np.uint64) -> float:
+    """Return the number that begins with these bits."""
     while True:
-        bits = _next(streams, row)
-        layer = int(bits & _255)
-        bits >>= _8
-        negative = bits & _1
-        size = (bits >> _1) & _MASK_52
-        x = float(size) * _W[layer]
-        if negative:
-            x = -x
+        layer, size, x = _cut(bits)
         if size < _K[layer]:
             return x
         if layer == 0:
@@ -150,3 +165,28 @@ def normal(streams: Streams, row: int) -> float:
         edge = (_F[layer - 1] - _F[layer]) * uniform(streams, row) + _F[layer]
         if edge < math.exp(-0.5 * x * x):
             return x
+        bits = _next(streams, row)
+
+
+@exactly
+def normal(streams: Streams, row: int) -> float:
+    """Draw from the standard normal distribution."""
+    return _settled(streams, row, _next(streams, row))
+
+
+@exactly
+def normals(streams: Streams, row: int, out: Array) -> None:
+    """Fill ``out`` (a, b, c) with draws from the standard normal distribution; the state waits in registers."""
+    high, low, c_high, c_low = streams[row, 0], streams[row, 1], streams[row, 2], streams[row, 3]
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            for k in range(out.shape[2]):
+                high, low = _after(high, low, c_high, c_low)
+                bits = _bits(high, low)
+                layer, size, x = _cut(bits)
+                if size >= _K[layer]:  # one in eighty: needs more than these bits
+                    streams[row, 0], streams[row, 1] = high, low
+                    x = _settled(streams, row, bits)
+                    high, low = streams[row, 0], streams[row, 1]
+                out[i, j, k] = x
+    streams[row, 0], streams[row, 1] = high, low

@@ -74,15 +74,15 @@ def _wanted_velocity(p: Triple, goal: Triple, v_max: float, a_max: float, k_p: f
 @inlined
 def stop(p: Triple, v: Triple, a_max: float) -> Triple:
     """Where full braking along ``v`` ends."""
-    return _plus(p, size(v[0], v[1], v[2]) / (2.0 * a_max), v)
+    return _plus(p, size(v[0], v[1], v[2]) * (0.5 / a_max), v)
 
 
 @inlined
 def gentle_stop(p: Triple, v: Triple, a: Triple, a_max: float, j_max: float) -> Triple:
     """Where braking ends about when the jerk is bounded."""
-    fade = size(a[0], a[1], a[2]) / j_max
+    fade = size(a[0], a[1], a[2]) * (1.0 / j_max)
     v_then = _plus(v, 0.5 * fade, a)
-    p_then = _plus(_plus(p, fade, v), fade * fade / 3.0, a)
+    p_then = _plus(_plus(p, fade, v), fade * fade * (1.0 / 3.0), a)
     return _plus(stop(p_then, v_then, a_max), 0.5 * a_max / j_max, v_then)
 
 

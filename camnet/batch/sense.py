@@ -13,7 +13,7 @@ import numpy as np
 
 from camnet.batch.compiled import inner, inner_owner
 from camnet.batch.network import CYLINDER, POLYTOPE, Model
-from camnet.batch.random import normal, uniform
+from camnet.batch.random import normals, uniform
 from camnet.batch.reference import clearance
 from camnet.batch.state import State
 from camnet.batch.triples import turn
@@ -206,10 +206,7 @@ def sense(model: Model, state: State, e: int, noise: Array) -> None:
     _look(model, state, e)
     row = e * (2 + state.target.shape[1])
     cameras, targets = state.cameras.shape[1], state.target.shape[1]
-    for c in range(cameras):
-        for m in range(targets):
-            for k in range(6):
-                noise[c, m, k] = normal(state.streams, row)
+    normals(state.streams, row, noise)
     for m in range(targets):
         state.measured[e, m, 7] = -1.0
     for c in range(cameras):

@@ -133,12 +133,15 @@ def map_of(prior: str, roads: Sequence[Road]) -> RoadMap:
 
 
 @_borrowing
-def _nearest(x: float, y: float, m: RoadMap) -> tuple[int, float, float]:
-    """Segment nearest to (x, y), arc length and lateral offset there; -1 beyond the width of the widest road."""
+def _nearest(x: float, y: float, m: RoadMap) -> tuple[int, float, float, float]:
+    """Segment nearest to (x, y), arc length there, square of the distance, and a number whose sign is that of its side.
+
+    The segment is -1 beyond the width of the widest road; on the left the last number is positive.
+    """
     i, j = math.floor((x - m.corner[0]) * m.per_m), math.floor((y - m.corner[1]) * m.per_m)
-    segment, s, lateral = -1, 0.0, 0.0
+    segment, s, across = -1, 0.0, 0.0
     if not (0 <= i < m.nx and 0 <= j < m.ny):
-        return segment, s, lateral
+        return segment, s, 0.0, across
     best, cell = m.widest * m.widest, i * m.ny + j
     for k in range(m.cells[cell], m.cells[cell + 1]):
         one = m.cells[k]
@@ -148,9 +151,8 @@ def _nearest(x: float, y: float, m: RoadMap) -> tuple[int, float, float]:
         rx, ry = dx - t * ux, dy - t * uy
         d2 = rx * rx + ry * ry
         if d2 < best:
-            best, segment, s = d2, one, m.segments[one, 5] + t
-            lateral = math.copysign(math.sqrt(d2), ux * dy - uy * dx)
-    return segment, s, lateral
+            best, segment, s, across = d2, one, m.segments[one, 5] + t, ux * dy - uy * dx
+    return segment, s, best, across
 
 
 @_borrowing
@@ -180,9 +182,10 @@ def _way(segment: int, vx: float, vy: float, m: RoadMap) -> float:
 @_borrowing
 def offset_of(x: float, y: float, vx: float, vy: float, m: RoadMap) -> float:
     """How far left of its way on the nearest road (x, y) lies, m; at most half the road's width, 0 off the roads."""
-    segment, _, lateral = _nearest(x, y, m)
+    segment, _, square, across = _nearest(x, y, m)
     if segment < 0:
         return 0.0
+    lateral = math.copysign(math.sqrt(square), across)
     width = m.roads[int(m.segments[segment, 6]), 3]
     if abs(lateral) > width:
         return 0.0
@@ -194,21 +197,21 @@ def offset_of(x: float, y: float, vx: float, vy: float, m: RoadMap) -> float:
 @_borrowing
 def turning_rate(x: float, y: float, vx: float, vy: float, offset: float, m: RoadMap) -> tuple[bool, float]:
     """Whether (x, y) is on a road, and the rate, rad/s, at which the velocity has to turn to follow it."""
-    speed = math.sqrt(vx * vx + vy * vy)
-    segment, s, lateral = _nearest(x, y, m)
-    if segment < 0 or speed < 1e-6:
+    segment, s, away, _ = _nearest(x, y, m)
+    square = vx * vx + vy * vy
+    if segment < 0 or square < 1e-12:
         return False, 0.0
     ahead = m.roads[int(m.segments[segment, 6]), 3]
-    if abs(lateral) > ahead:
+    if away > ahead * ahead:
         return False, 0.0
     way = _way(segment, vx, vy, m)
     gx, gy = _goal(segment, s + way * ahead, way * offset, m)
     dx, dy = gx - x, gy - y
-    reach = max(math.sqrt(dx * dx + dy * dy), 1e-9)
-    sine = (vx * dy - vy * dx) / (speed * reach)
+    reach = max(dx * dx + dy * dy, 1e-18)  # L^2, and norm(v) L sin(alpha)
+    across = vx * dy - vy * dx
     if vx * dx + vy * dy < 0.0:  # behind: as sharply as pursuit turns
-        sine = math.copysign(1.0, sine)
-    return True, 2.0 * speed * sine / reach
+        across = math.copysign(math.sqrt(square * reach), across)
+    return True, 2.0 * across / reach
 
 
 @_borrowing

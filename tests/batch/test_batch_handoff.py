@@ -144,7 +144,7 @@ def test_the_table_is_the_learned_motion(held):
     a, b = place - np.floor(place)
     cell = table[0, i : i + 2, j : j + 2]
     read = (1 - b) * ((1 - a) * cell[0, 0] + a * cell[0, 1]) + b * ((1 - a) * cell[1, 0] + a * cell[1, 1])
-    np.testing.assert_allclose(read, wanted, atol=2e-3)
+    np.testing.assert_allclose(read[:7], wanted, atol=2e-3)  # the last number fills the cache line
     # what was learned is the robot's motion: its speed, and it answers for it
     assert 0.25 < np.hypot(*wanted[:2]) < 0.45
     assert wanted[6] > 0.9

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from camnet.batch.frozen import Frozen, _midpoint
+from camnet.batch.frozen_motion import Frozen, midpoint
 from camnet.batch.frozen_model import FrozenModel, frozen_state, tabulate
 from camnet.config.load import load_scenario
 from camnet.env.batch_handoff import BatchHandoff
@@ -39,7 +39,7 @@ def _rolled(f: Frozen, p: Any, pv: Any, pw: Any, dt: float, offset: float, count
     out = np.empty((count, 3))
     fade, share = np.exp(-dt / f.turn_memory_s), -np.expm1(-dt / f.handover_s)
     for i in range(count):
-        p, _, _, pv, pw = _midpoint(f, 0, p, pv, pw, dt, fade, share, offset)
+        p, _, _, pv, pw = midpoint(f, 0, p, pv, pw, dt, fade, share, offset)
         out[i, 0], out[i, 1], out[i, 2] = p
     return out
 
