@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from camnet.batch.frozen_motion import Frozen, midpoint
 from camnet.batch.frozen_model import FrozenModel, frozen_state, tabulate
+from camnet.batch.frozen_motion import Frozen, midpoint
 from camnet.config.load import load_scenario
 from camnet.env.batch_handoff import BatchHandoff
 from camnet.estimation.propagate import PRIORS, advance, roll_out
