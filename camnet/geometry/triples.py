@@ -55,8 +55,8 @@ def borrowing(function: _Kernel) -> _Kernel:
 
 
 def inlined(function: _Kernel) -> _Kernel:
-    """Compile the same as part of whatever calls it; a product and a sum that follows may be rounded once."""
-    compiled: _Kernel = njit(**_OPTIONS, forceinline=True, fastmath={"contract"})(function)
+    """Compile the same as part of whatever calls it."""
+    compiled: _Kernel = njit(**_OPTIONS, forceinline=True)(function)
     return compiled
 
 
