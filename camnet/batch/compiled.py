@@ -2,7 +2,6 @@
 
 | decorator | called from | arrays |
 | --- | --- | --- |
-| ``exactly`` | Python too | as ``outer``; every operation is rounded |
 | ``inlined`` | Python too | none; part of whatever calls it, so that loops over it become vector instructions |
 | ``outer`` | Python too | borrowed: none is made or returned inside, so none is counted |
 | ``inner`` | compiled code only | the same |
@@ -11,10 +10,6 @@
 
 Counting references of the dozens of arrays of a network at every call costs six times what the arithmetic does, so
 whatever takes a whole network borrows.
-
-A product and a sum that follows may be rounded once instead of twice (``contract``: one instruction where the
-processor has it). No other liberty is taken with the arithmetic. What has to give the very numbers of another library
-does without: ``exactly``.
 """
 
 from __future__ import annotations
@@ -24,19 +19,17 @@ from typing import Any, TypeVar
 
 from numba import njit
 
-__all__ = ["exactly", "inlined", "inner", "inner_owner", "outer", "owner"]
+__all__ = ["inlined", "inner", "inner_owner", "outer", "owner"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 #: a division by zero gives what IEEE 754 says, without a test at every division
-_EXACT: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-_COMMON: dict[str, Any] = {**_EXACT, "fastmath": {"contract"}}
+_COMMON: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 #: for parts that only compiled code calls: without a way in from Python, which for arguments as wide as a whole
 #: network costs half of the compilation
 _ALONE: dict[str, Any] = {**_COMMON, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: options that Numba knows and its type stubs do not
 _njit: Any = njit
 
-exactly: Callable[[_F], _F] = _njit(**_EXACT, _nrt=False)
 inlined: Callable[[_F], _F] = _njit(**_COMMON, _nrt=False, forceinline=True)
 outer: Callable[[_F], _F] = _njit(**_COMMON, _nrt=False)
 inner: Callable[[_F], _F] = _njit(**_ALONE, _nrt=False)

@@ -24,7 +24,7 @@ from numba.core import types
 from numba.extending import intrinsic as _intrinsic
 from numpy.typing import NDArray
 
-from camnet.batch.compiled import exactly, inlined
+from camnet.batch.compiled import inlined, outer
 from camnet.types import Array
 
 __all__ = ["Streams", "normal", "normals", "stream_of", "uniform"]
@@ -134,7 +134,7 @@ def uniform(streams: Streams, row: int) -> float:
     return float(_next(streams, row) >> _11) * _TO_UNIT
 
 
-@exactly
+@outer
 def _tail(streams: Streams, row: int) -> float:
     """Distance beyond the beginning of the tail."""
     while True:
@@ -152,7 +152,7 @@ def _cut(bits: np.uint64) -> tuple[int, np.uint64, float]:
     return layer, size, -x if (bits >> _8) & _1 else x
 
 
-@exactly
+@outer
 def _settled(streams: Streams, row: int, bits: np.uint64) -> float:
     """Return the number that begins with these bits."""
     while True:
@@ -168,13 +168,13 @@ def _settled(streams: Streams, row: int, bits: np.uint64) -> float:
         bits = _next(streams, row)
 
 
-@exactly
+@outer
 def normal(streams: Streams, row: int) -> float:
     """Draw from the standard normal distribution."""
     return _settled(streams, row, _next(streams, row))
 
 
-@exactly
+@outer
 def normals(streams: Streams, row: int, out: Array) -> None:
     """Fill ``out`` (a, b, c) with draws from the standard normal distribution; the state waits in registers."""
     high, low, c_high, c_low = streams[row, 0], streams[row, 1], streams[row, 2], streams[row, 3]

@@ -32,8 +32,10 @@ __all__ = ["FILTERS", "BatchSimulation"]
 
 #: what the agents may know comes from one of these
 FILTERS = ("learned", "frozen", "ekf", "oracle")
-#: environments that one call of the compiled loop takes, at most
-_GROUP = 1024
+#: environments that one call of the compiled loop takes, at most and, where threads share the work, at least
+_MOST, _LEAST = 1024, 64
+#: calls that each thread gets: who is done early takes on more
+_SHARES = 8
 
 
 class _Estimators(Protocol):
@@ -99,6 +101,12 @@ class _Group:
         self.model, self.state, self.estimators = model, allocate(model, count), estimators
 
 
+def _group_size(environments: int, threads: int) -> int:
+    """Environments in a group: every thread has one, and several where there are many."""
+    fair, small = -(-environments // threads), -(-environments // (_SHARES * threads))
+    return min(_MOST, fair if threads == 1 else min(fair, max(small, _LEAST)))
+
+
 class BatchSimulation:
     """E environments of one network.
 
@@ -136,7 +144,7 @@ class BatchSimulation:
         self.model = pack_network(network, shown)
         self.threads = max(1, threads or len(os.sched_getaffinity(0)))
         make = self._maker(held, duration_s)
-        size = min(_GROUP, -(-environments // self.threads))
+        size = _group_size(environments, self.threads)
         self.groups = [
             _Group(self.model, first, count, make(count))
             for first in range(0, environments, size)
