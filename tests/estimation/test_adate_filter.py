@@ -65,7 +65,6 @@ def test_is_a_target_filter_known_by_name(adate):
         AdateFilter(AdateFilterSettings(), EkfSettings(), 0.0)
 
 
-@pytest.mark.slow
 def test_over_gaps_a_turning_target_is_predicted_better_than_at_constant_velocity(adate):
     seen, unseen, held = follow(adate, 90.0)
     baseline = follow(ConstantVelocityEKF(EkfSettings(), RATE), 90.0)
