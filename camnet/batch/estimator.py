@@ -16,14 +16,13 @@ object or holds the interpreter's lock. A setup has the room that its rows are w
 measured it. Times must not run backwards; a measurement older than the state is moved along as in the class.
 
 
-Loops that hold setup and state by their address (`camnet.batch.borrow.lend`) call ``correct_lent`` and its like.
+Loops that hold setup and state by their address (`camnet.geometry.borrow.lend`) call ``correct_lent`` and its like.
 """
 
 from __future__ import annotations
 
 import math
 
-from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator_layout import (
     ADVANCED,
@@ -58,6 +57,7 @@ from camnet.batch.estimator_motion import advance, integrate
 from camnet.estimation.learning_estimator import MAX_STEP_S
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, REMEMBERED_GAPS
+from camnet.geometry.borrow import lend
 from camnet.geometry.triples import size
 from camnet.types import Array, IntArray
 

@@ -41,7 +41,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, outer
 from camnet.batch.estimator_field import Kernels, pack_kernels
 from camnet.errors import ConfigError
@@ -52,6 +51,7 @@ from camnet.estimation.propagate import COLUMNS, PRIORS
 from camnet.estimation.radius import REMEMBERED_GAPS
 from camnet.estimation.road_prior import RoadMap, map_of
 from camnet.estimation.settings import EstimatorSettings
+from camnet.geometry.borrow import lend
 from camnet.geometry.settings import Road
 from camnet.types import Array, IntArray
 

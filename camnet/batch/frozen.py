@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator_learn import fit_motion
 from camnet.batch.frozen_motion import Frozen, blended, learned, midpoint
@@ -38,6 +37,7 @@ from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
 from camnet.estimation.road_prior import offset_of
+from camnet.geometry.borrow import lend
 from camnet.geometry.triples import Quaternion, Triple, multiply
 from camnet.types import Array, IntArray
 

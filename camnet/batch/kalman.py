@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, inner_owner, owner
 from camnet.batch.loop import finish, fly_and_sense, open_decision
 from camnet.batch.network import Model
@@ -19,6 +18,7 @@ from camnet.estimation.ekf import START_RATE_RADPS, START_SPEED_MPS
 from camnet.estimation.ekf_step import correct_state, predict_state
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.settings import EkfSettings
+from camnet.geometry.borrow import lend
 from camnet.types import Array, IntArray
 
 __all__ = ["Kalman", "allocate_kalman", "decide", "reset_kalman"]

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator import (
     EstimatorSetup,
@@ -23,6 +22,7 @@ from camnet.batch.loop import finish, fly_and_sense, open_decision
 from camnet.batch.network import Model
 from camnet.batch.observe import due, find_entries, forget_entries
 from camnet.batch.state import State
+from camnet.geometry.borrow import lend
 from camnet.types import Array, IntArray
 
 __all__ = ["Learning", "decide"]

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.book import after_sense
-from camnet.batch.borrow import lend
 from camnet.batch.compiled import inner, owner
 from camnet.batch.loop import finish, fly_and_sense, open_decision
 from camnet.batch.motion import step_target
@@ -21,6 +20,7 @@ from camnet.batch.observe import due, find_entries, forget_entries
 from camnet.batch.random import Streams
 from camnet.batch.state import State
 from camnet.estimation.observation import LOST_PERIODS
+from camnet.geometry.borrow import lend
 from camnet.types import Array, IntArray
 
 __all__ = ["Oracle", "allocate_oracle", "decide", "reset_oracle"]

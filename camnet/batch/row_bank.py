@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camnet.batch.estimator import EstimatorState, allocate, build_setup
+from camnet.batch.estimator import ESTIMATE, EstimatorState, allocate, build_setup
 from camnet.batch.estimator_layout import (
     FORGOTTEN,
     GAPS_LEARNED,
@@ -20,11 +20,25 @@ from camnet.batch.estimator_layout import (
     TURNS,
     WINDOWS,
     EstimatorSetup,
+    T,
     counts_of,
 )
 from camnet.batch.estimator_transfer import learned_weights
 from camnet.batch.row_excitation import RowExcitation
-from camnet.batch.row_kernel import BANK, CAMERA, OFFERED, Bank, advance_row, perceive, reset_row, rollout_row
+from camnet.batch.row_kernel import (
+    BANK,
+    CAMERA,
+    ERROR,
+    MISS,
+    OFFERED,
+    REGION_COLUMN,
+    TURN,
+    Bank,
+    advance_row,
+    perceive,
+    reset_row,
+    rollout_row,
+)
 from camnet.errors import ConfigError
 from camnet.estimation.observation import measured_world_pose
 from camnet.estimation.propagate import TWIST_OUTPUTS
@@ -38,6 +52,10 @@ from camnet.simulation.perception import Perceived
 from camnet.types import Array, BoolArray, IntArray, PoseMeasurement, Snapshot, TargetEstimate
 
 __all__ = ["RowBank", "RowFilter", "RowFilters", "rows_can"]
+
+
+#: where an estimate's fields begin in a row of ``out``
+_P, _Q, _V, _W, _SEEN, _LAST_SEEN, _RADIUS = (first for first, _ in ESTIMATE.values())
 
 
 def rows_can(network: Network) -> bool:
@@ -87,7 +105,7 @@ class RowBank:
         settings = network.scenario.estimator
         self.setup, self.regions, self._stack = _setup(network), len(network.regions), settings.stack
         self.state: EstimatorState = allocate(self.setup, settings, targets)
-        self.out, self.found = np.zeros((targets, 17)), np.zeros((targets, 5))
+        self.out, self.found = np.zeros((targets, REGION_COLUMN + 1)), np.zeros((targets, TURN + 1))
         self.world = np.zeros((targets, 7))
         self._seers: IntArray = np.zeros(2, dtype=np.int64)
         self._connected: tuple[Lookout, PoseSensor] | None = None
@@ -138,9 +156,9 @@ class RowBank:
         known = [f.known for f in self.filters]
         return Perceived(
             survey,
-            [int(row[0]) for row in found],
-            [row[2] for row in found],
-            [(row[3], row[4]) if there else None for row, there in zip(found, known, strict=True)],
+            [int(row[CAMERA]) for row in found],
+            [row[MISS] for row in found],
+            [(row[ERROR], row[TURN]) if there else None for row, there in zip(found, known, strict=True)],
         )
 
     def _excite(self, m: int, t_s: float, camera: int) -> None:
@@ -172,7 +190,7 @@ class RowFilter:
         """Take note that the row has moved on."""
         self._estimate = None
         if not self.known:
-            self.known = math.isfinite(self._out[14])
+            self.known = math.isfinite(self._out[_LAST_SEEN])
 
     @property
     def estimate(self) -> TargetEstimate:
@@ -180,15 +198,15 @@ class RowFilter:
         if self._estimate is None:
             out = self._out.copy()
             self._estimate = TargetEstimate(
-                t_s=float(self._pose[0]),
-                p_world=out[0:3],
-                q_world=out[3:7],
-                v_world=out[7:10],
-                w_body=out[10:13],
-                seen=out[13] > 0.0,
-                last_seen_s=float(out[14]),
-                region=int(out[16]),
-                radius_m=float(out[15]),
+                t_s=float(self._pose[T]),
+                p_world=out[_P : _P + 3],
+                q_world=out[_Q : _Q + 4],
+                v_world=out[_V : _V + 3],
+                w_body=out[_W : _W + 3],
+                seen=out[_SEEN] > 0.0,
+                last_seen_s=float(out[_LAST_SEEN]),
+                region=int(out[REGION_COLUMN]),
+                radius_m=float(out[_RADIUS]),
             )
         return self._estimate
 
@@ -223,7 +241,7 @@ class RowFilter:
         if len(self._path) != count:
             self._path = np.empty((count, 8))
         rollout_row(self.bank.pinned.at, self._m, dt_s, self._path)
-        t_s = float(self._pose[0]) + dt_s * np.arange(1, count + 1, dtype=np.float64)
+        t_s = float(self._pose[T]) + dt_s * np.arange(1, count + 1, dtype=np.float64)
         path = self._path
         return Rollout(t_s, path[:, :3].copy(), path[:, 3:7].copy(), path[:, 7].copy())
 

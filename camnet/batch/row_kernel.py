@@ -44,6 +44,8 @@ __all__ = [
 #: columns of ``found``: camera that measured (-1: none), whether a window was offered to a stack, distance from the
 #: prediction to the truth before, error of the estimate, m, and of its orientation, rad, after
 CAMERA, OFFERED, MISS, ERROR, TURN = range(5)
+#: column of ``out`` behind an estimate's: region last seen in
+REGION_COLUMN = 16
 
 
 class Bank(NamedTuple):
@@ -52,9 +54,9 @@ class Bank(NamedTuple):
     | field | shape | what |
     | --- | --- | --- |
     | ``seers`` | (2,) | addresses for `survey_truth` and for `measure_frame` |
-    | ``world`` | (M,7) | measured poses in the world |
+    | ``world`` | (M,7) | measured poses in the world: p, m, and q, body to world |
     | ``found`` | (M,5) | columns CAMERA ... TURN |
-    | ``out`` | (M,17) | estimates as in `camnet.batch.estimator.ESTIMATE`, and the region |
+    | ``out`` | (M,17) | estimates (m, rad, s; world frame) as in `camnet.batch.estimator.ESTIMATE`, and the region |
     """
 
     setup: EstimatorSetup
@@ -103,7 +105,7 @@ def _advance(x: Bank, m: int, t_s: float) -> None:
     else:
         offered = correct_lent(x.setup, x.rows, m, t_s, x.world[m, 0:3], x.world[m, 3:7], camera)
     x.found[m, OFFERED] = 1.0 if offered else 0.0
-    x.out[m, 16] = float(estimate_lent(x.setup, x.rows, m, x.out[m]))
+    x.out[m, REGION_COLUMN] = float(estimate_lent(x.setup, x.rows, m, x.out[m]))
 
 
 @inner

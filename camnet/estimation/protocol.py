@@ -2,7 +2,7 @@
 
 A caller feeds ``correct`` with each pose measurement and calls ``predict`` at the times without one; results are in the
 world frame. The change from seen to unseen is the filter's own business: a target is unseen once no measurement has
-come for more than one and a half sensing periods.
+come for more than `camnet.estimation.observation.LOST_PERIODS` sensing periods.
 """
 
 from __future__ import annotations

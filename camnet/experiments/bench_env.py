@@ -2,8 +2,8 @@
 
 All cases run by turns in one process. CPU time is counted as well as wall-clock time, so that other work on the machine
 disturbs little. What is compiled is compiled before, and its time given apart. One environment-step is one decision of
-all agents, 0.1 s of simulated time in ``quickstart``; the time of the policy is not in it. Peers are measured where
-they are installed.
+all agents, 0.1 s of simulated time in ``quickstart``; the time of the policy is in it on PyBullet alone. Peers are
+measured where they are installed.
 """
 
 from __future__ import annotations
@@ -18,16 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.agents import make_policies
 from camnet.batch.frozen_model import FrozenModel, warm_up
 from camnet.env.batch_handoff import BatchHandoff
-from camnet.env.handoff_v0 import HandoffEnv
-from camnet.world.pybullet.raw import raw_seconds
+from camnet.experiments.bench_simulation import measure_environment
 
 __all__ = ["follow", "run"]
 
 _WORLD = "quickstart"
-_ROUNDS, _PYBULLET_STEPS = 3, 50
+_ROUNDS = 3
 #: cases of the batch back end: estimator, environments, steps of warm-up (estimators learn) and measured
 _BATCH = {"frozen": ("frozen", 1024, 50, 20), "learning": ("learned", 128, 150, 20)}
 #: sizes for the growth of the cost, and environment-steps measured at each
@@ -68,34 +66,21 @@ def _open_batch(
     return env
 
 
-def _pybullet_seconds(env: HandoffEnv, seed: int) -> float:
-    """CPU time of the PyBullet back end, the built-in agents included."""
-    policies = make_policies("learned", env)
-    observations, _ = env.reset(seed=seed)
-    start = time.process_time()
-    for _ in range(_PYBULLET_STEPS):
-        observations, *_ = env.step(
-            {name: policies[name](np.asarray(observations[name])) for name in env.agents}
-        )
-    return time.process_time() - start
-
-
 def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[str, Any]:
     """Measure.
 
     Returns
     -------
     dict
-        ``backend``: ``pybullet`` with ``env_steps_per_s`` (of one core) and ``raw_limit_fraction`` (time of bare
-        PyBullet for the same body-steps over the time taken); ``batch`` with ``env_steps_per_s`` (wall clock, the
-        held model, all threads), ``batch`` (environments), ``threads``, then ``frozen`` and ``learning`` apart, each
-        on one thread and on all (CPU time as median and least of the rounds), and ``scaling``: CPU time of an
-        environment-step and memory of an environment against the number of environments. ``peers``: steps/s of one
-        core.
+        ``backend``: ``pybullet`` as in `camnet.experiments.bench_simulation.measure_environment`; ``batch`` with
+        ``env_steps_per_s`` (wall clock, the held model, all threads), ``batch`` (environments), ``threads``, then
+        ``frozen`` and ``learning`` apart, each on one thread and on all (CPU time as median and least of the rounds),
+        and ``scaling``: CPU time of an environment-step and memory of an environment against the number of
+        environments. ``peers``: steps/s of one core.
     """
     report = progress if progress is not None else _silent
     held = warm_up(BatchHandoff(_WORLD, 1, filter_name="ekf").network)
-    pybullet = _measure_pybullet(seed)
+    pybullet = measure_environment(seed)
     report(0.3)
     compiled = {name: _first_call(case[0], seed, held) for name, case in _BATCH.items()}
     report(0.5)
@@ -118,25 +103,6 @@ def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[
 
 def _silent(share: float) -> None:
     """Tell nobody."""
-
-
-def _measure_pybullet(seed: int) -> dict[str, float]:
-    env = HandoffEnv(_WORLD)
-    scenario = env.simulation.network.scenario
-    simulated_s = _PYBULLET_STEPS / scenario.run.decision_hz
-    _pybullet_seconds(env, seed)  # compiled code is loaded
-    rounds = [
-        (
-            raw_seconds(len(scenario.agents), simulated_s, scenario.physics.step_hz),
-            _pybullet_seconds(env, seed + k),
-        )
-        for k in range(_ROUNDS)
-    ]
-    env.close()
-    return {
-        "env_steps_per_s": _PYBULLET_STEPS / statistics.median(spent for _, spent in rounds),
-        "raw_limit_fraction": statistics.median(raw / spent for raw, spent in rounds),
-    }
 
 
 def _first_call(filter_name: str, seed: int, held: FrozenModel) -> float:

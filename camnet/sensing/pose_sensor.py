@@ -32,7 +32,8 @@ class _Frame(NamedTuple):
     """Noise of a frame and what is measured in it.
 
     A visible pair is measured where its ``kept`` (C,M) is at least ``least``; ``normal`` (C,M,6) times ``scale`` (6,)
-    is the noise. Poses come in the first rows of ``out`` (C M, 7), camera and target in ``pairs`` (C M, 2).
+    is the noise, m and rad, camera frame. Poses (p, m, and q, body to camera) come in the first rows of ``out``
+    (C M, 7), camera and target in ``pairs`` (C M, 2).
     """
 
     kept: Array

@@ -37,7 +37,16 @@ class Survey(NamedTuple):
 
 
 class _Facts(NamedTuple):
-    """Corners (C,3) of the boxes about the regions, frusta and features as in ``VisibilityTest.packed``; results."""
+    """What stays the same from look to look, and where the results go.
+
+    | field | shape | what |
+    | --- | --- | --- |
+    | ``low``, ``high`` | (C,3) | corners of the boxes about the regions, world, m |
+    | ``a``, ``b`` | (C,6,3), (C,6) | frusta, camera frame: points p with a p <= b |
+    | ``features``, ``first`` | (F,3), (M+1,) | features, target frame, m; where those of each target begin |
+    | ``visible``, ``outside`` | (C,M), (N,) | as in `Survey` |
+    | ``who`` | (2,M) | regions and seers of the targets |
+    """
 
     low: Array
     high: Array

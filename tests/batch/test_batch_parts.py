@@ -10,7 +10,6 @@ from numba import njit
 
 from camnet.batch import lane_layout, lane_references, lanes, triples
 from camnet.batch.body import camera_of, fly
-from camnet.batch.borrow import lend
 from camnet.batch.motion import pack_targets, step_target
 from camnet.batch.random import normal, stream_of, uniform
 from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
@@ -20,6 +19,7 @@ from camnet.control.references import RegionBounds
 from camnet.control.sliding_mode_kernel import control_compiled
 from camnet.errors import ConfigError
 from camnet.geometry import rotations
+from camnet.geometry.borrow import lend
 from camnet.geometry.regions import BoxRegion, CylinderRegion
 from camnet.geometry.settings import CameraModel, Road
 from camnet.geometry.triples import log, multiply, rotate

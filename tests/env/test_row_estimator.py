@@ -9,6 +9,7 @@ import pytest
 
 from camnet.agents import make_team
 from camnet.env import handoff_v0
+from camnet.errors import ConfigError
 from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.types import Array
 
@@ -67,5 +68,5 @@ def test_rows_advance_one_by_one_where_sight_lines_are_asked_for() -> None:
     assert not isinstance(rows[0], LearningEstimator)
     now = env.simulation.snapshot
     assert np.linalg.norm(rows[0].estimate.p_world - now.target_p_world[0]) < 0.2
-    with pytest.raises(Exception, match="both must be positive"):
+    with pytest.raises(ConfigError, match="both must be positive"):
         rows[0].rollout(0.0, 1.0)
