@@ -3,9 +3,10 @@
 The estimator is `camnet.estimation.learning_estimator` with its weights held: the same feedback while the target is
 seen (harris2020 (3-8), (4-16)), the same predictor while it is not (3-15), the same error radius. What it takes from
 the weights, the twist and the support at a place, is read from a table (bilinear), so that a step costs the same
-whatever the number of kernels. Two things are simpler. The prior mean turns about the vertical, not about the
-estimated body axis (they differ by the measured tilt, hundredths of a radian), and while the target is seen and the
-model answers for its motion the prior is renewed when it is next needed rather than at every measurement.
+whatever the number of kernels. Three things differ. The prior mean turns about the vertical, not about the estimated
+body axis (they differ by the measured tilt, hundredths of a radian). While the target is seen and the model answers for
+its motion the prior is renewed when it is next needed rather than at every measurement. And the prior is integrated to
+second order (`camnet.batch.frozen_motion.midpoint`), the class's to first, so that roll-outs may take longer steps.
 
 | array | row of one (environment, target) |
 | --- | --- |
@@ -24,29 +25,36 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.batch.book import after_sense
 from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator_learn import fit_motion
-from camnet.batch.frozen_motion import Frozen, blended, learned, midpoint
-from camnet.batch.loop import finish, fly_and_sense, open_decision
-from camnet.batch.network import Model
+from camnet.batch.frozen_motion import Frozen, blended, frozen_at, learned, midpoint
+from camnet.batch.lane_layout import BLOCK
+from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
+from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries
-from camnet.batch.state import State
+from camnet.batch.state import State, state_at
 from camnet.batch.triples import turn
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
 from camnet.estimation.road_prior import offset_of
-from camnet.geometry.borrow import lend
 from camnet.geometry.triples import Quaternion, Triple, multiply
 from camnet.types import Array, IntArray
 
 __all__ = ["Frozen", "decide"]
 
-#: longest step of the predictor's integration, s; a rollout may take four times as long ones
+#: longest step of the predictor's integration, s
 _MAX_STEP_S = 0.05
 #: share of the motion that the model leaves to the prior from which on the prior is kept up to date while seen
 _PRIOR_MATTERS = 0.05
+
+
+@inner
+def _shares(f: Frozen, dt: float) -> tuple[float, float, float]:
+    """Return what half of ``dt`` leaves of the prior's turn, and how far prior and feedback come in ``dt``."""
+    if abs(dt - f.period[0]) < 1e-12:
+        return f.period[1], f.period[2], f.period[3]
+    return math.exp(-0.5 * dt / f.turn_memory_s), -math.expm1(-dt / f.handover_s), -math.expm1(-f.k1 * dt)
 
 
 @inner
@@ -68,7 +76,7 @@ def _advance(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
     k = f.model_of[m, int(state.estimate[e, m, 15])]
     steps = math.ceil(duration / _MAX_STEP_S)
     dt = duration / steps
-    fade, share = math.exp(-dt / f.turn_memory_s), -math.expm1(-dt / f.handover_s)
+    fade, share, _ = _shares(f, dt)
     p = (pose[e, m, 1], pose[e, m, 2], pose[e, m, 3])
     q: Quaternion = (pose[e, m, 4], pose[e, m, 5], pose[e, m, 6], pose[e, m, 7])
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
@@ -220,7 +228,7 @@ def _follow(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) -
     q = (scale * q[0], scale * q[1], scale * q[2], scale * q[3])
     dot = q[0] * z[e, m, 3] + q[1] * z[e, m, 4] + q[2] * z[e, m, 5] + q[3] * z[e, m, 6]
     sign = -1.0 if dot < 0.0 else 1.0
-    share = -math.expm1(-f.k1 * dt)
+    _, _, share = _shares(f, dt)
     x, dx = _fed_back(f, pose[e, m, 1] + dt * v[0], z[e, m, 0], share, dt)
     y, dy = _fed_back(f, pose[e, m, 2] + dt * v[1], z[e, m, 1], share, dt)
     h, dh = _fed_back(f, pose[e, m, 3] + dt * v[2], z[e, m, 2], share, dt)
@@ -269,30 +277,46 @@ def update(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) ->
 
 @inner
 def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array) -> None:
-    """Write the predicted points and error radii (K, 4) to ``path``."""
+    """Write the predicted points and error radii (K, 4) to ``path``; those within a step lie on its chord."""
     _refresh_prior(f, e, m)
     pose, dt = f.pose, model.rollout_dt_s
     k = f.model_of[m, int(state.estimate[e, m, 15])]
-    substeps = max(1, math.ceil(dt / (4.0 * _MAX_STEP_S) - 1e-9))
-    h = dt / substeps
-    fade, share = math.exp(-h / f.turn_memory_s), -math.expm1(-h / f.handover_s)
+    stride, substeps = f.strides
+    h = dt * stride / substeps
+    fade, share, _ = _shares(f, h)
     p = (pose[e, m, 1], pose[e, m, 2], pose[e, m, 3])
+    begin = p
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
     pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
     growth, offset = _growth(f, state, e, m), _road_offset(f, state, e, m)
     for i in range(path.shape[0]):
-        for _ in range(substeps):
-            p, _, _, pv, pw = midpoint(f, k, p, pv, pw, h, fade, share, offset)
-        path[i, 0], path[i, 1], path[i, 2] = p
+        if i % stride == 0:
+            begin = p
+            for _ in range(substeps):
+                p, _, _, pv, pw = midpoint(f, k, p, pv, pw, h, fade, share, offset)
+        gone = (i % stride + 1.0) / stride
+        for j in range(3):
+            path[i, j] = begin[j] + gone * (p[j] - begin[j])
         path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
 
 
 @inner
-def _decide_one(
+def _predict_entries(f: Frozen, model: Model, state: State, e: int, path: Array) -> None:
+    """Predict where and when each target of environment ``e`` enters each region."""
+    for m in range(state.target.shape[1]):
+        if state.estimate[e, m, 15] >= 0.0:
+            roll_out(f, model, state, e, m, path)
+            find_entries(model, state, e, m, path, f.pose[e, m, 0])
+        else:
+            forget_entries(state, e, m)
+
+
+@inner
+def _decide_block(
     model: Model,
     state: State,
     f: Frozen,
-    e: int,
+    block: IntArray,
     fresh: bool,
     actions: Array,
     noise: Array,
@@ -300,38 +324,38 @@ def _decide_one(
     observations: NDArray[np.float32],
     outcome: Array,
 ) -> None:
-    """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
-    targets, t_s = state.target.shape[1], 0.0
-    for _ in range(open_decision(model, state, e, fresh, actions)):
-        t_s, sensed = fly_and_sense(model, state, e, fresh, noise)
-        if sensed:
-            for m in range(targets):
-                update(f, model, state, e, m, t_s)
-            after_sense(model, state, e, t_s)
-    if due(model, state, e, t_s):
-        for m in range(targets):
-            if state.estimate[e, m, 15] >= 0.0:
-                roll_out(f, model, state, e, m, path)
-                find_entries(model, state, e, m, path, f.pose[e, m, 0])
-            else:
-                forget_entries(state, e, m)
-    finish(model, state, e, fresh, observations, outcome)
+    """Run the environments of a block through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
+    for _ in range(open_decision(model, state, block, fresh, actions)):
+        fly_and_sense(model, state, block, fresh, noise)
+        for e in block:
+            if frame_taken(model, state, e):
+                for m in range(state.target.shape[1]):
+                    update(f, model, state, e, m, time_of(model, state, e))
+        after_frames(model, state, block)
+    for e in block:
+        if due(model, state, e, time_of(model, state, e)):
+            _predict_entries(f, model, state, e, path)
+    finish(model, state, block, fresh, observations, outcome)
 
 
 @owner
 def decide(
-    model: Model,
-    state: State,
-    f: Frozen,
+    model_place: int,
+    state_place: int,
+    place: int,
     chosen: IntArray,
     fresh: bool,
     actions: Array,
     observations: NDArray[np.float32],
     outcome: Array,
 ) -> None:
-    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
+    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start.
+
+    The places are addresses at which `MODELS`, `STATES` and `FROZEN` have pinned network, state and estimators.
+    """
+    model, state, f = network_at(model_place), state_at(state_place), frozen_at(place)
     noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path = np.empty((model.steps, 4))
-    lent_model, lent_state, lent = lend(model), lend(state), lend(f)
-    for e in chosen:
-        _decide_one(lent_model, lent_state, lent, e, fresh, actions, noise, path, observations, outcome)
+    for first in range(0, len(chosen), BLOCK):
+        block = chosen[first : first + BLOCK]
+        _decide_block(model, state, f, block, fresh, actions, noise, path, observations, outcome)

@@ -29,6 +29,8 @@ __all__ = ["FrozenModel", "frozen_state", "load_frozen", "tabulate", "warm_up"]
 
 #: spacing of the tables over the kernels' width, and the most places that a table may have
 _FINENESS, _MOST_PLACES = 10.0, 400_000
+#: instants of a roll-out that are integrated over at once, at most; longest step where it is a single one, s
+_MOST_AT_ONCE, _LONGEST_STEP_S = 4, 0.2
 #: error radius while seen before anything was measured, as a mean square, m^2
 _START_SQUARE = (0.05 / 3.0) ** 2
 
@@ -128,6 +130,11 @@ def _learn(network: Network, m: int, duration_s: float, rng: np.random.Generator
     return filter_
 
 
+def _width(basis: RbfBasis) -> float:
+    """Return the standard deviation of a kernel in its narrowest direction, m."""
+    return 1.0 / math.sqrt(float(np.linalg.eigvalsh(basis.precision).max()))
+
+
 def tabulate(model: FrozenModel, bounds: Array) -> tuple[Array, Array]:
     """Table (K, rows, columns, 8) of twist and support over the ground, and its grid (3,): corner and 1 / spacing.
 
@@ -145,7 +152,7 @@ def tabulate(model: FrozenModel, bounds: Array) -> tuple[Array, Array]:
             "places; use inputs 'position'"
         )
     low, high = bounds[0, :2] - 1.0, bounds[1, :2] + 1.0
-    width = 1.0 / math.sqrt(float(np.linalg.eigvalsh(basis.precision).max()))
+    width = _width(basis)
     spacing = max(width / _FINENESS, math.sqrt(float(np.prod(high - low)) / _MOST_PLACES))
     if spacing > 0.5 * width:
         raise ConfigError(
@@ -163,6 +170,25 @@ def tabulate(model: FrozenModel, bounds: Array) -> tuple[Array, Array]:
         sigma = np.where(quad < CUTOFF, np.exp(-0.5 * quad), 0.0)
         table[i, :, :, :7] = (sigma @ weights).reshape(columns, -1, 7)
     return on_cache_lines(table.transpose(2, 0, 1, 3)), np.array([*low, 1.0 / spacing])
+
+
+def _period(network: Network) -> tuple[float, float, float, float]:
+    """Return the sensing period, s, and what `camnet.batch.frozen` makes of it: of half a period the first."""
+    s, dt = network.scenario.estimator, 1.0 / network.scenario.sensing.rate_hz
+    fade, handover = math.exp(-0.5 * dt / s.gap.turn_memory_s), -math.expm1(-dt / s.gap.handover_s)
+    return dt, fade, handover, -math.expm1(-s.k1_per_s * dt)
+
+
+def _strides(network: Network, basis: RbfBasis) -> tuple[int, int]:
+    """Return how many instants of a roll-out are integrated over at once, and in how many steps.
+
+    In a step of several instants a target at its top speed comes no farther than a kernel is wide. Off the roads, where
+    nothing leads a path back, steps are shorter.
+    """
+    s = network.scenario
+    dt, most = s.handoff.rollout_dt_s, _MOST_AT_ONCE if s.estimator.gap.prior == "road" and s.roads else 2
+    reach = _width(basis) / (dt * max(t.v_max_mps for t in s.targets))
+    return min(max(math.floor(reach), 1), most), max(1, math.ceil(dt / _LONGEST_STEP_S - 1e-9))
 
 
 def frozen_state(
@@ -198,6 +224,8 @@ def frozen_state(
         prior=PRIORS[s.gap.prior],
         turn_memory_s=s.gap.turn_memory_s,
         handover_s=s.gap.handover_s,
+        period=_period(network),
+        strides=_strides(network, model.basis),
         samples=s.regression_samples,
         reset_on_sighting=s.reset_on_sighting,
         roads=map_of(s.gap.prior, network.scenario.roads),

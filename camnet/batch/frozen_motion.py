@@ -14,10 +14,11 @@ from camnet.batch.triples import cosine_and_sine
 from camnet.estimation.projection import axis_factor
 from camnet.estimation.propagate import POSE_LAYER_M
 from camnet.estimation.road_prior import RoadMap, turning_rate
+from camnet.geometry.pinned import Pins
 from camnet.geometry.triples import Triple
 from camnet.types import Array, IntArray
 
-__all__ = ["Frozen", "blended", "learned", "midpoint"]
+__all__ = ["FROZEN", "Frozen", "blended", "frozen_at", "learned", "midpoint"]
 
 _Twist = tuple[float, float, float, float, float, float, float]
 
@@ -33,6 +34,8 @@ class Frozen(NamedTuple):
     low, high : (3,) bounds of the tracking space
     k1, k2, switching, layer : feedback
     prior, turn_memory_s, handover_s : remedies of the gap
+    period : sensing period, s, and what comes of it in `camnet.batch.frozen`: fading, handover and feedback
+    strides : instants of a roll-out that are integrated over at once, and in how many steps
     samples, reset_on_sighting : poses in a fit; whether a new sighting restarts the pose
     roads : that the prior follows
     """
@@ -49,6 +52,8 @@ class Frozen(NamedTuple):
     prior: int
     turn_memory_s: float
     handover_s: float
+    period: tuple[float, float, float, float]
+    strides: tuple[int, int]
     samples: int
     reset_on_sighting: bool
     roads: RoadMap
@@ -58,6 +63,12 @@ class Frozen(NamedTuple):
     held: IntArray
     square: Array
     rates: Array
+
+
+#: estimators at addresses
+FROZEN = Pins(Frozen)
+#: estimators at an address, in compiled code
+frozen_at = FROZEN.of
 
 
 @inlined
@@ -115,25 +126,42 @@ def _moved(f: Frozen, p: Triple, v: Triple, dt: float) -> Triple:
 
 
 @inlined
+def _turned(v: Triple, angle: float) -> Triple:
+    """Velocity turned about the vertical."""
+    c, s = cosine_and_sine(angle)
+    return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
+
+
+@inlined
+def _nearer(x: Triple, share: float, goal: Triple) -> Triple:
+    """Come from ``x`` the ``share`` of the way to the goal."""
+    return (
+        x[0] + share * (goal[0] - x[0]),
+        x[1] + share * (goal[1] - x[1]),
+        x[2] + share * (goal[2] - x[2]),
+    )
+
+
+@inlined
 def midpoint(
     f: Frozen, k: int, p: Triple, pv: Triple, pw: Triple, dt: float, fade: float, share: float, offset: float
 ) -> tuple[Triple, Triple, Triple, Triple, Triple]:
     """One midpoint step: position, twist (v, w) on the way, prior (v, w) after it.
 
-    ``fade`` is what is left of the prior's turn after ``dt``, ``share`` how far the prior follows the learned motion,
-    ``offset`` the way along a road.
+    ``fade`` is what is left of the prior's turn after half of ``dt``, ``share`` how far the prior follows the learned
+    motion, ``offset`` the way along a road. The prior turns and fades by half, follows the learned motion, then does
+    the other half (Strang 1968), so that it is of second order as the position is.
     """
-    on_road, rate = turning_rate(p[0], p[1], pv[0], pv[1], offset, f.roads)
+    v, w, support = blended(learned(f, k, p[0], p[1]), pv, pw, f.prior > 0)
+    middle, b, turns = _moved(f, p, v, 0.5 * dt), 0.5 * support * share, f.prior == 2
+    left, half = (fade, 0.5 * dt) if turns else (1.0, 0.0)
+    mw = _nearer((left * pw[0], left * pw[1], left * pw[2]), b, w)
+    mv = _nearer(_turned(pv, half * pw[2]), b, v)
+    on_road, rate = turning_rate(middle[0], middle[1], mv[0], mv[1], offset, f.roads)
     if on_road:
-        pw = (0.0, 0.0, rate)
-    v, _, _ = blended(learned(f, k, p[0], p[1]), pv, pw, f.prior > 0)
-    middle = _moved(f, p, v, 0.5 * dt)
-    v, w, support = blended(learned(f, k, middle[0], middle[1]), pv, pw, f.prior > 0)
-    if f.prior == 2:
-        c, s = cosine_and_sine(dt * pw[2])
-        pv = (c * pv[0] - s * pv[1], s * pv[0] + c * pv[1], pv[2])
-        pw = (fade * pw[0], fade * pw[1], fade * pw[2])
-    b = support * share
-    pv = (pv[0] + b * (v[0] - pv[0]), pv[1] + b * (v[1] - pv[1]), pv[2] + b * (v[2] - pv[2]))
-    pw = (pw[0] + b * (w[0] - pw[0]), pw[1] + b * (w[1] - pw[1]), pw[2] + b * (w[2] - pw[2]))
-    return _moved(f, p, v, dt), v, w, pv, pw
+        mw = pw = (0.0, 0.0, rate)
+    v, w, support = blended(learned(f, k, middle[0], middle[1]), mv, mw, f.prior > 0)
+    b = support * share * (1.0 + 0.5 * (1.0 - support) * share)  # 1 - (1 - share)^support
+    pv = _turned(_nearer(_turned(pv, half * mw[2]), b, v), half * mw[2])
+    pw = _nearer((left * pw[0], left * pw[1], left * pw[2]), b, w)
+    return _moved(f, p, v, dt), v, w, pv, (left * pw[0], left * pw[1], left * pw[2])

@@ -1,7 +1,7 @@
 """Workspaces of `camnet.batch.lanes`: what is in which row, and how a lane is read and written.
 
 A number of an agent is a row of the workspace, (4 ROWS,) in one piece: one entry a lane. Agents 4 b to 4 b + 3 of
-the environment that flies are in workspace b; lanes without an agent repeat the last one. All a lane needs is in the
+an environment that flies are in its workspace b; lanes without an agent repeat the last one. All a lane needs is in the
 workspace, constants as well: only then does the compiler know that nothing else is written to.
 """
 
@@ -14,6 +14,7 @@ from camnet.geometry.triples import Quaternion, Triple
 from camnet.types import Array
 
 __all__ = [
+    "BLOCK",
     "LANES",
     "build_lanes",
     "load_flight",
@@ -25,6 +26,8 @@ __all__ = [
 ]
 
 LANES = 4
+#: environments that fly side by side: each has workspaces of its own
+BLOCK = 16
 # a body and its memory, in their order: p, q (x y z w), v, w; rotors, gimbal angles and rates, integral, thrust axis
 P, Q, V, W = 0, 3, 7, 10
 ROTORS, JOINTS, RATES, INTEGRAL, AXIS, AXIS_RATE = 13, 17, 20, 23, 26, 29
@@ -65,7 +68,7 @@ def on_cache_lines(values: Array) -> Array:
 
 
 def build_lanes(n_agents: int, yaw: Array, half_yaw: Array, boxes: Array, discs: Array, wind: Array) -> Array:
-    """Workspaces (B, 4 ROWS) of so many agents, their constants in place; arrays as in `camnet.batch.network.Model`."""
+    """Workspaces (BLOCK, B, 4 ROWS) of so many agents, constants in place; arrays as in `Model`."""
     blocks = -(-n_agents // LANES)
     x = np.zeros((blocks, ROWS, LANES))
     for k in range(blocks * LANES):
@@ -73,7 +76,7 @@ def build_lanes(n_agents: int, yaw: Array, half_yaw: Array, boxes: Array, discs:
         x[b, HEADING : HEADING + 2, lane], x[b, HALF_YAW : HALF_YAW + 2, lane] = yaw[n], half_yaw[n]
         x[b, DISC : DISC + 3, lane], x[b, WIND : WIND + 3, lane] = discs[n], wind
         x[b, LOW : LOW + 3, lane], x[b, HIGH : HIGH + 3, lane] = boxes[n]
-    return on_cache_lines(x.reshape(blocks, -1))
+    return on_cache_lines(np.tile(x.reshape(blocks, -1), (BLOCK, 1, 1)))
 
 
 @inlined

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.batch.book import after_sense
 from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator import (
     EstimatorSetup,
@@ -18,14 +17,15 @@ from camnet.batch.estimator import (
     rollout_lent,
 )
 from camnet.batch.estimator_layout import T
-from camnet.batch.loop import finish, fly_and_sense, open_decision
-from camnet.batch.network import Model
+from camnet.batch.lane_layout import BLOCK
+from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
+from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries
-from camnet.batch.state import State
-from camnet.geometry.borrow import lend
+from camnet.batch.state import State, state_at
+from camnet.geometry.pinned import Pins
 from camnet.types import Array, IntArray
 
-__all__ = ["Learning", "decide"]
+__all__ = ["LEARNING", "Learning", "decide"]
 
 
 class Learning(NamedTuple):
@@ -33,6 +33,11 @@ class Learning(NamedTuple):
 
     setup: EstimatorSetup
     rows: EstimatorState
+
+
+#: estimators at addresses
+LEARNING = Pins(Learning)
+_learning_at = LEARNING.of
 
 
 @inner
@@ -59,11 +64,22 @@ def roll_out(est: Learning, model: Model, state: State, e: int, m: int, wide: Ar
 
 
 @inner
-def _decide_one(
+def _predict_entries(est: Learning, model: Model, state: State, e: int, wide: Array, path: Array) -> None:
+    """Predict where and when each target of environment ``e`` enters each region."""
+    for m in range(state.target.shape[1]):
+        if state.estimate[e, m, 15] >= 0.0:
+            at = roll_out(est, model, state, e, m, wide, path)
+            find_entries(model, state, e, m, path, at)
+        else:
+            forget_entries(state, e, m)
+
+
+@inner
+def _decide_block(
     model: Model,
     state: State,
     est: Learning,
-    e: int,
+    block: IntArray,
     fresh: bool,
     actions: Array,
     noise: Array,
@@ -72,38 +88,38 @@ def _decide_one(
     observations: NDArray[np.float32],
     outcome: Array,
 ) -> None:
-    """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
-    targets, t_s = state.target.shape[1], 0.0
-    for _ in range(open_decision(model, state, e, fresh, actions)):
-        t_s, sensed = fly_and_sense(model, state, e, fresh, noise)
-        if sensed:
-            for m in range(targets):
-                update(est, state, e, m, t_s)
-            after_sense(model, state, e, t_s)
-    if due(model, state, e, t_s):
-        for m in range(targets):
-            if state.estimate[e, m, 15] >= 0.0:
-                at = roll_out(est, model, state, e, m, wide, path)
-                find_entries(model, state, e, m, path, at)
-            else:
-                forget_entries(state, e, m)
-    finish(model, state, e, fresh, observations, outcome)
+    """Run the environments of a block through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
+    for _ in range(open_decision(model, state, block, fresh, actions)):
+        fly_and_sense(model, state, block, fresh, noise)
+        for e in block:
+            if frame_taken(model, state, e):
+                for m in range(state.target.shape[1]):
+                    update(est, state, e, m, time_of(model, state, e))
+        after_frames(model, state, block)
+    for e in block:
+        if due(model, state, e, time_of(model, state, e)):
+            _predict_entries(est, model, state, e, wide, path)
+    finish(model, state, block, fresh, observations, outcome)
 
 
 @owner
 def decide(
-    model: Model,
-    state: State,
-    est: Learning,
+    model_place: int,
+    state_place: int,
+    place: int,
     chosen: IntArray,
     fresh: bool,
     actions: Array,
     observations: NDArray[np.float32],
     outcome: Array,
 ) -> None:
-    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
+    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start.
+
+    The places are addresses at which `MODELS`, `STATES` and `LEARNING` have pinned network, state and estimators.
+    """
+    model, state, est = network_at(model_place), state_at(state_place), _learning_at(place)
     noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path, wide = np.empty((model.steps, 4)), np.empty((model.steps, 8))
-    lent_model, lent_state, lent = lend(model), lend(state), lend(est)
-    for e in chosen:
-        _decide_one(lent_model, lent_state, lent, e, fresh, actions, noise, wide, path, observations, outcome)
+    for first in range(0, len(chosen), BLOCK):
+        block = chosen[first : first + BLOCK]
+        _decide_block(model, state, est, block, fresh, actions, noise, wide, path, observations, outcome)

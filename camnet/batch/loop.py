@@ -1,10 +1,12 @@
-"""One environment through one decision: setpoints, flight, sensing, books; the estimators' drivers are built of it.
+"""A few environments through one decision: setpoints, flight, sensing, books; the estimators' drivers are built of it.
 
-The order of things is that of `camnet.simulation.loop.NetworkSimulation`, one environment after the other:
+For each environment the order of things is that of `camnet.simulation.loop.NetworkSimulation`:
 
-    open_decision -> [ fly_and_sense -> (at sensing instants) estimator -> after_sense ] ... -> entries -> finish
+    open_decision -> [ fly_and_sense -> (at sensing instants) estimator -> after_frames ] ... -> entries -> finish
 
-Every estimator has a driver of its own (`camnet.batch.frozen.decide`, ...), so that only its code is compiled.
+A block of `BLOCK` environments goes through each of these together, so that the code, which is larger than a
+processor's first cache, is fetched once for all of them. Every estimator has a driver of its own
+(`camnet.batch.frozen.decide`, ...), so that only its code is compiled.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.body import camera_of, fly
-from camnet.batch.book import after_control, collided, reward_of
+from camnet.batch.book import after_control, after_sense, collided, reward_of
 from camnet.batch.compiled import inner
 from camnet.batch.lane_layout import (
     ALLOWED,
@@ -47,12 +49,12 @@ from camnet.batch.reference import position_step
 from camnet.batch.sense import sense
 from camnet.batch.state import COUNT, CYCLE, RETURN, State
 from camnet.geometry.triples import Triple
-from camnet.types import Array
+from camnet.types import Array, IntArray
 
-__all__ = ["finish", "fly_and_sense", "open_decision"]
+__all__ = ["after_frames", "finish", "fly_and_sense", "frame_taken", "open_decision", "time_of"]
 
-#: columns of the outcome (E, 4) of a decision: reward, terminated, diverged, time
-REWARD, TERMINATED, DIVERGED, TIME = 0, 1, 2, 3
+#: columns of the outcome (E, 5) of a decision: reward, terminated, diverged, time, decisions so far
+REWARD, TERMINATED, DIVERGED, TIME, DECISIONS = range(5)
 
 
 @inner
@@ -113,7 +115,6 @@ def _begin(model: Model, state: State, e: int, actions: Array) -> None:
         pan = min(max(actions[e, n, 3], -1.0), 1.0) * model.gaze_scale
         tilt = min(max(actions[e, n, 4], -1.0), 1.0) * model.gaze_scale
         _ask(model, state, e, n, (c[n, 0] + a[0], c[n, 1] + a[1], c[n, 2] + a[2]), pan, tilt)
-    _load(state, e)
 
 
 @inner
@@ -129,45 +130,40 @@ def _air(model: Model, state: State, e: int) -> None:
 
 
 @inner
-def _load(state: State, e: int) -> None:
-    """Put the agents into the workspaces."""
+def _load(state: State, lanes: Array, e: int) -> None:
+    """Put the agents into the workspaces ``lanes`` (B, 4 ROWS) of one environment."""
     agents = state.bodies.shape[1]
-    for k in range(state.lanes.shape[0] * LANES):
-        x, lane, n = state.lanes[k // LANES], k % LANES, min(k, agents - 1)
+    for k in range(lanes.shape[0] * LANES):
+        x, lane, n = lanes[k // LANES], k % LANES, min(k, agents - 1)
         load_flight(x, lane, state.bodies, state.memory, state.cameras, e, n)
         load_plan(x, lane, state.motion, state.setpoint, e, n)
-    for b in range(state.lanes.shape[0]):
-        note_joints(state.lanes[b])
+    for b in range(lanes.shape[0]):
+        note_joints(lanes[b])
 
 
 @inner
-def _store(state: State, e: int) -> None:
+def _store(state: State, lanes: Array, e: int) -> None:
     """Take them back."""
     for n in range(state.bodies.shape[1]):
-        x, lane = state.lanes[n // LANES], n % LANES
+        x, lane = lanes[n // LANES], n % LANES
         store_flight(x, lane, state.bodies, state.memory, e, n)
         store_plan(x, lane, state.motion, e, n)
 
 
 @inner
-def _blow(model: Model, state: State, e: int, b: int) -> None:
-    """Let the gusts blow on the agents of workspace ``b``."""
+def _blow(model: Model, state: State, e: int, b: int, x: Array) -> None:
+    """Let the gusts blow on the agents of the workspace ``x``, the ``b``-th of environment ``e``."""
     last = state.bodies.shape[1] - 1
     for i in range(LANES):
         g, n = state.gust, min(LANES * b + i, last)
         gust = (g[e, n, 0], g[e, n, 1], g[e, n, 2])
-        put(
-            state.lanes[b],
-            WIND,
-            i,
-            (model.wind[0] + gust[0], model.wind[1] + gust[1], model.wind[2] + gust[2]),
-        )
+        put(x, WIND, i, (model.wind[0] + gust[0], model.wind[1] + gust[1], model.wind[2] + gust[2]))
 
 
 @inner
-def _fly_one_by_one(model: Model, state: State, e: int, b: int) -> None:
+def _fly_one_by_one(model: Model, state: State, e: int, b: int, x: Array) -> None:
     """Fly the agents of a workspace one by one."""
-    x, agents = state.lanes[b], state.bodies.shape[1]
+    agents = state.bodies.shape[1]
     for i in range(LANES):
         n = LANES * b + i
         if n < agents:
@@ -181,9 +177,8 @@ def _fly_one_by_one(model: Model, state: State, e: int, b: int) -> None:
 
 
 @inner
-def _brake(model: Model, state: State, e: int, b: int) -> None:
+def _brake(model: Model, agents: int, b: int, x: Array) -> None:
     """Move those references on that have to brake."""
-    x, agents = state.lanes[b], state.bodies.shape[1]
     for i in range(LANES):
         if x[ALLOWED * LANES + i] == 0.0:
             p, v, a = position_step(
@@ -205,47 +200,81 @@ def _brake(model: Model, state: State, e: int, b: int) -> None:
 
 
 @inner
-def _fly(model: Model, state: State, e: int) -> float:
-    """Fly all agents for a control period; sum of the squared errors of their references at the beginning, m^2."""
+def _command(model: Model, state: State, block: IntArray) -> None:
+    """Let the air blow, and command what brings the agents to their references."""
+    for k in range(block.shape[0]):
+        _air(model, state, block[k])
+        for b in range(state.lanes.shape[1]):
+            if model.gust_std > 0.0:
+                _blow(model, state, block[k], b, state.lanes[k, b])
+            ask_lanes(state.lanes[k, b], model.gains, model.switching)
+
+
+@inner
+def _fly(model: Model, state: State, block: IntArray) -> None:
+    """Fly all agents for a control period."""
+    for k in range(block.shape[0]):
+        for b in range(state.lanes.shape[1]):
+            if not fly_lanes(state.lanes[k, b], model.periods, model.constants, model.offset):
+                _fly_one_by_one(model, state, block[k], b, state.lanes[k, b])
+
+
+@inner
+def _go_on(model: Model, state: State, block: IntArray) -> None:
+    """Move the references on, and show where the agents are."""
+    agents = state.bodies.shape[1]
+    for k in range(block.shape[0]):
+        for b in range(state.lanes.shape[1]):
+            x = state.lanes[k, b]
+            if not follow_lanes(x, model.margin, model.limits, model.gaze_limits, model.dt_s):
+                _brake(model, agents, b, x)
+            for i in range(min(LANES, agents - LANES * b)):
+                show(x, i, state.bodies, state.cameras, block[k], LANES * b + i)
+
+
+@inner
+def _missed(state: State, k: int) -> float:
+    """Sum of the squared errors of the references of the block's ``k``-th environment at the beginning, m^2."""
     agents, errors = state.bodies.shape[1], 0.0
-    for b in range(state.lanes.shape[0]):
-        x = state.lanes[b]
-        if model.gust_std > 0.0:
-            _blow(model, state, e, b)
-        ask_lanes(x, model.gains, model.switching)
-        if not fly_lanes(x, model.periods, model.constants, model.offset):
-            _fly_one_by_one(model, state, e, b)
-        if not follow_lanes(x, model.margin, model.limits, model.gaze_limits, model.dt_s):
-            _brake(model, state, e, b)
+    for b in range(state.lanes.shape[1]):
         for i in range(min(LANES, agents - LANES * b)):
-            show(x, i, state.bodies, state.cameras, e, LANES * b + i)
-            errors += x[ERROR * LANES + i]
+            errors += state.lanes[k, b, ERROR * LANES + i]
     return errors
 
 
 @inner
-def _fly_once(model: Model, state: State, e: int) -> float:
-    """Advance environment ``e`` by one control period; the time after it, s."""
+def _fly_once(model: Model, state: State, block: IntArray) -> None:
+    """Advance the environments by one control period."""
     targets = state.target.shape[1]
-    t_s, row = state.clock[e, COUNT] * model.dt_s, e * (2 + targets) + 2
-    for m in range(targets):
-        step_target(model.targets, m, state.target, state.inner, e, t_s, model.dt_s, state.streams, row + m)
-    _air(model, state, e)
-    errors = _fly(model, state, e)
-    state.clock[e, COUNT] += 1.0
-    after_control(model, state, e, errors)
+    for e in block:
+        t_s, row = time_of(model, state, e), e * (2 + targets) + 2
+        for m in range(targets):
+            step_target(
+                model.targets, m, state.target, state.inner, e, t_s, model.dt_s, state.streams, row + m
+            )
+    _command(model, state, block)
+    _fly(model, state, block)
+    _go_on(model, state, block)
+    for k in range(block.shape[0]):
+        state.clock[block[k], COUNT] += 1.0
+        after_control(model, state, block[k], _missed(state, k))
+
+
+@inner
+def time_of(model: Model, state: State, e: int) -> float:
+    """Time of environment ``e``, s."""
     return state.clock[e, COUNT] * model.dt_s
 
 
 @inner
-def _sensing_due(model: Model, state: State, e: int) -> bool:
+def frame_taken(model: Model, state: State, e: int) -> bool:
     """Whether sensors take a frame at the present control period."""
     return int(state.clock[e, COUNT]) % model.sense_every == 0
 
 
 @inner
-def open_decision(model: Model, state: State, e: int, fresh: bool, actions: Array) -> int:
-    """Take the actions (E, N, 5) of environment ``e``, or put a ``fresh`` one in place.
+def open_decision(model: Model, state: State, block: IntArray, fresh: bool, actions: Array) -> int:
+    """Take the actions (E, N, 5) of the environments of a block, or put ``fresh`` ones in place.
 
     Returns
     -------
@@ -253,21 +282,32 @@ def open_decision(model: Model, state: State, e: int, fresh: bool, actions: Arra
         How often `fly_and_sense` is to be called.
     """
     if fresh:
-        _place_cameras(model, state, e)
-        _start_references(state, e)
+        for e in block:
+            _place_cameras(model, state, e)
+            _start_references(state, e)
         return 1
-    _begin(model, state, e, actions)
+    for k in range(block.shape[0]):
+        _begin(model, state, block[k], actions)
+        _load(state, state.lanes[k], block[k])
     return model.decide_every
 
 
 @inner
-def fly_and_sense(model: Model, state: State, e: int, fresh: bool, noise: Array) -> tuple[float, bool]:
-    """Advance by one control period, a ``fresh`` environment by none; the time then, and whether there is a frame."""
-    t_s = 0.0 if fresh else _fly_once(model, state, e)
-    due = _sensing_due(model, state, e)
-    if due:
-        sense(model, state, e, noise)
-    return t_s, due
+def fly_and_sense(model: Model, state: State, block: IntArray, fresh: bool, noise: Array) -> None:
+    """Advance by one control period, ``fresh`` environments by none, and take the frames that are due."""
+    if not fresh:
+        _fly_once(model, state, block)
+    for e in block:
+        if frame_taken(model, state, e):
+            sense(model, state, e, noise)
+
+
+@inner
+def after_frames(model: Model, state: State, block: IntArray) -> None:
+    """Keep the books of the frames taken, once estimators have them."""
+    for e in block:
+        if frame_taken(model, state, e):
+            after_sense(model, state, e, time_of(model, state, e))
 
 
 @inner
@@ -296,18 +336,31 @@ def _ended(model: Model, state: State, e: int, t_s: float) -> bool:
 
 
 @inner
+def _settle(model: Model, state: State, e: int, t_s: float, outcome: Array) -> None:
+    """Reward a decision, and look whether it was the last."""
+    state.clock[e, CYCLE] += 1.0
+    reward = reward_of(model, state, e, t_s, model.dt_s * model.decide_every)
+    state.clock[e, RETURN] += reward
+    outcome[e, REWARD] = reward
+    outcome[e, TERMINATED] = 1.0 if _ended(model, state, e, t_s) else 0.0
+    outcome[e, DIVERGED] = 1.0 if _diverged(model, state, e) else 0.0
+
+
+@inner
 def finish(
-    model: Model, state: State, e: int, fresh: bool, observations: NDArray[np.float32], outcome: Array
+    model: Model,
+    state: State,
+    block: IntArray,
+    fresh: bool,
+    observations: NDArray[np.float32],
+    outcome: Array,
 ) -> None:
-    """Reward the decision and show the agents what they may know; a ``fresh`` environment has no reward yet."""
-    t_s = state.clock[e, COUNT] * model.dt_s
-    if not fresh:
-        _store(state, e)
-        state.clock[e, CYCLE] += 1.0
-        reward = reward_of(model, state, e, t_s, model.dt_s * model.decide_every)
-        state.clock[e, RETURN] += reward
-        outcome[e, REWARD] = reward
-        outcome[e, TERMINATED] = 1.0 if _ended(model, state, e, t_s) else 0.0
-        outcome[e, DIVERGED] = 1.0 if _diverged(model, state, e) else 0.0
-    outcome[e, TIME] = t_s
-    observe(model, state, e, t_s, observations)
+    """Reward the decision and show the agents what they may know; ``fresh`` environments have no reward yet."""
+    for k in range(block.shape[0]):
+        e = block[k]
+        if not fresh:
+            _store(state, state.lanes[k], e)
+            _settle(model, state, e, time_of(model, state, e), outcome)
+        outcome[e, TIME], outcome[e, DECISIONS] = time_of(model, state, e), state.clock[e, CYCLE]
+    for e in block:
+        observe(model, state, e, outcome[e, TIME], observations)

@@ -16,6 +16,7 @@ from camnet.control.references import RegionBounds
 from camnet.control.sliding_mode_kernel import SWITCHING_CODE
 from camnet.errors import ConfigError
 from camnet.geometry.frustum import Frustum
+from camnet.geometry.pinned import Pins
 from camnet.geometry.polytope import PolytopeRegion
 from camnet.geometry.regions import BoxRegion, CylinderRegion, Region
 from camnet.geometry.rotations import from_yaw, rotate
@@ -24,7 +25,7 @@ from camnet.simulation.network import Network
 from camnet.types import Array, IntArray
 from camnet.world.pybullet.flight import model_from_settings
 
-__all__ = ["Model", "pack_network"]
+__all__ = ["MODELS", "Model", "network_at", "pack_network"]
 
 #: kinds of region in the distance kernel
 BOX, CYLINDER, POLYTOPE = 0, 1, 2
@@ -126,6 +127,12 @@ class Model(NamedTuple):
     ends: Array
     guard: Array
     in_world: bool
+
+
+#: networks at addresses
+MODELS = Pins(Model)
+#: the network at an address, in compiled code
+network_at = MODELS.of
 
 
 class Shown(NamedTuple):

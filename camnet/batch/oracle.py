@@ -11,19 +11,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.batch.book import after_sense
 from camnet.batch.compiled import inner, owner
-from camnet.batch.loop import finish, fly_and_sense, open_decision
+from camnet.batch.lane_layout import BLOCK
+from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
 from camnet.batch.motion import step_target
-from camnet.batch.network import Model
+from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries
 from camnet.batch.random import Streams
-from camnet.batch.state import State
+from camnet.batch.state import State, state_at
 from camnet.estimation.observation import LOST_PERIODS
-from camnet.geometry.borrow import lend
+from camnet.geometry.pinned import Pins
 from camnet.types import Array, IntArray
 
-__all__ = ["Oracle", "allocate_oracle", "decide", "reset_oracle"]
+__all__ = ["ORACLES", "Oracle", "allocate_oracle", "decide", "reset_oracle"]
 
 
 class Oracle(NamedTuple):
@@ -42,6 +42,11 @@ class Oracle(NamedTuple):
     made: IntArray
     ring: Array
     at: Array
+
+
+#: copies at addresses
+ORACLES = Pins(Oracle)
+_oracle_at = ORACLES.of
 
 
 def allocate_oracle(model: Model, environments: int) -> Oracle:
@@ -110,11 +115,22 @@ def roll_out(oracle: Oracle, model: Model, state: State, e: int, m: int, path: A
 
 
 @inner
-def _decide_one(
+def _predict_entries(oracle: Oracle, model: Model, state: State, e: int, path: Array) -> None:
+    """Predict where and when each target of environment ``e`` enters each region."""
+    for m in range(state.target.shape[1]):
+        if state.estimate[e, m, 15] >= 0.0:
+            roll_out(oracle, model, state, e, m, path)
+            find_entries(model, state, e, m, path, oracle.at[e, m])
+        else:
+            forget_entries(state, e, m)
+
+
+@inner
+def _decide_block(
     model: Model,
     state: State,
     oracle: Oracle,
-    e: int,
+    block: IntArray,
     fresh: bool,
     actions: Array,
     noise: Array,
@@ -122,38 +138,38 @@ def _decide_one(
     observations: NDArray[np.float32],
     outcome: Array,
 ) -> None:
-    """Run environment ``e`` through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
-    targets, t_s = state.target.shape[1], 0.0
-    for _ in range(open_decision(model, state, e, fresh, actions)):
-        t_s, sensed = fly_and_sense(model, state, e, fresh, noise)
-        if sensed:
-            for m in range(targets):
-                update(oracle, model, state, e, m, t_s)
-            after_sense(model, state, e, t_s)
-    if due(model, state, e, t_s):
-        for m in range(targets):
-            if state.estimate[e, m, 15] >= 0.0:
-                roll_out(oracle, model, state, e, m, path)
-                find_entries(model, state, e, m, path, oracle.at[e, m])
-            else:
-                forget_entries(state, e, m)
-    finish(model, state, e, fresh, observations, outcome)
+    """Run the environments of a block through one decision; ``noise`` (C, M, 6) and the paths are scratch."""
+    for _ in range(open_decision(model, state, block, fresh, actions)):
+        fly_and_sense(model, state, block, fresh, noise)
+        for e in block:
+            if frame_taken(model, state, e):
+                for m in range(state.target.shape[1]):
+                    update(oracle, model, state, e, m, time_of(model, state, e))
+        after_frames(model, state, block)
+    for e in block:
+        if due(model, state, e, time_of(model, state, e)):
+            _predict_entries(oracle, model, state, e, path)
+    finish(model, state, block, fresh, observations, outcome)
 
 
 @owner
 def decide(
-    model: Model,
-    state: State,
-    oracle: Oracle,
+    model_place: int,
+    state_place: int,
+    place: int,
     chosen: IntArray,
     fresh: bool,
     actions: Array,
     observations: NDArray[np.float32],
     outcome: Array,
 ) -> None:
-    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start."""
+    """Run the ``chosen`` environments through one decision; ``fresh`` ones sense where they start.
+
+    The places are addresses at which `MODELS`, `STATES` and `ORACLES` have pinned network, state and estimators.
+    """
+    model, state, oracle = network_at(model_place), state_at(state_place), _oracle_at(place)
     noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path = np.empty((model.steps, 4))
-    lent_model, lent_state, lent = lend(model), lend(state), lend(oracle)
-    for e in chosen:
-        _decide_one(lent_model, lent_state, lent, e, fresh, actions, noise, path, observations, outcome)
+    for first in range(0, len(chosen), BLOCK):
+        block = chosen[first : first + BLOCK]
+        _decide_block(model, state, oracle, block, fresh, actions, noise, path, observations, outcome)

@@ -5,24 +5,27 @@ An environment's numbers depend on its seed and its actions alone: not on the ot
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import accumulate
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.batch import frozen, kalman, learning, oracle
+from camnet.batch import frozen, frozen_motion, kalman, learning, oracle
 from camnet.batch.estimator import allocate as allocate_estimator
 from camnet.batch.estimator import build_setup
 from camnet.batch.estimator import reset as reset_estimator
 from camnet.batch.frozen_model import FrozenModel, frozen_state, reset_frozen, tabulate, warm_up
+from camnet.batch.lane_layout import BLOCK
 from camnet.batch.loop import DIVERGED
 from camnet.batch.metrics import episode_of
-from camnet.batch.network import Model, Shown, pack_network
+from camnet.batch.network import MODELS, Model, Shown, pack_network
 from camnet.batch.observe import NEIGHBOUR_FIELDS, OWN_FIELDS, TARGET_FIELDS
-from camnet.batch.state import State, allocate, restart
+from camnet.batch.state import STATES, State, allocate, restart
 from camnet.errors import ConfigError, SimulationError
 from camnet.geometry.kernel_cache import announce
 from camnet.simulation.network import Network
@@ -33,9 +36,9 @@ __all__ = ["FILTERS", "BatchSimulation"]
 #: what the agents may know comes from one of these
 FILTERS = ("learned", "frozen", "ekf", "oracle")
 #: environments that one call of the compiled loop takes, at most and, where threads share the work, at least
-_MOST, _LEAST = 1024, 64
-#: calls that each thread gets: who is done early takes on more
-_SHARES = 8
+_MOST, _LEAST = 1024, BLOCK
+#: share of what is left that a thread takes next: a third of what falls to it
+_SHARE = 1.0 / 3.0
 
 
 class _Estimators(Protocol):
@@ -51,7 +54,7 @@ class _Estimators(Protocol):
 class _Kalman:
     def __init__(self, network: Network, model: Model, environments: int) -> None:
         self.rows = kalman.allocate_kalman(network.scenario.estimator.ekf, environments, network.n_targets)
-        self.decide = kalman.decide
+        self.decide, self.pins = kalman.decide, kalman.KALMANS
 
     def reset(self, state: State, e: int) -> None:
         kalman.reset_kalman(self.rows, e)
@@ -60,7 +63,7 @@ class _Kalman:
 class _Oracle:
     def __init__(self, network: Network, model: Model, environments: int) -> None:
         self.rows = oracle.allocate_oracle(model, environments)
-        self.decide = oracle.decide
+        self.decide, self.pins = oracle.decide, oracle.ORACLES
 
     def reset(self, state: State, e: int) -> None:
         oracle.reset_oracle(self.rows, state, e)
@@ -74,7 +77,7 @@ class _Learning:
         )
         rows = allocate_estimator(setup, s.estimator, environments * self._targets, duration_s)
         self.rows = learning.Learning(setup, rows)
-        self.decide = learning.decide
+        self.decide, self.pins = learning.decide, learning.LEARNING
 
     def reset(self, state: State, e: int) -> None:
         for m in range(self._targets):
@@ -87,7 +90,7 @@ class _Frozen:
     ) -> None:
         self._held = held
         self.rows = frozen_state(network, held, *tables, environments)
-        self.decide = frozen.decide
+        self.decide, self.pins = frozen.decide, frozen_motion.FROZEN
 
     def reset(self, state: State, e: int) -> None:
         reset_frozen(self.rows, self._held, e)
@@ -99,12 +102,19 @@ class _Group:
     def __init__(self, model: Model, first: int, count: int, estimators: Any) -> None:  # noqa: ANN401
         self.first, self.count = first, count
         self.model, self.state, self.estimators = model, allocate(model, count), estimators
+        self.all = np.arange(count)
+        self.pins = (MODELS.pin(model), STATES.pin(self.state), estimators.pins.pin(estimators.rows))
 
 
-def _group_size(environments: int, threads: int) -> int:
-    """Environments in a group: every thread has one, and several where there are many."""
-    fair, small = -(-environments // threads), -(-environments // (_SHARES * threads))
-    return min(_MOST, fair if threads == 1 else min(fair, max(small, _LEAST)))
+def _group_sizes(environments: int, threads: int) -> list[int]:
+    """Environments in each group: for threads ever fewer, so that all are done at about the same time."""
+    if threads == 1:
+        return [min(_MOST, environments - first) for first in range(0, environments, _MOST)]
+    sizes, left, least = [], environments, min(_LEAST, math.ceil(environments / threads))
+    while left:
+        sizes.append(min(_MOST, left, max(math.ceil(_SHARE * left / threads), least)))
+        left -= sizes[-1]
+    return sizes
 
 
 class BatchSimulation:
@@ -144,20 +154,20 @@ class BatchSimulation:
         self.model = pack_network(network, shown)
         self.threads = max(1, threads or len(os.sched_getaffinity(0)))
         make = self._maker(held, duration_s)
-        size = _group_size(environments, self.threads)
+        sizes = _group_sizes(environments, self.threads)
         self.groups = [
-            _Group(self.model, first, count, make(count))
-            for first in range(0, environments, size)
-            for count in [min(size, environments - first)]
+            _Group(self.model, last - count, count, make(count))
+            for last, count in zip(accumulate(sizes), sizes, strict=True)
         ]
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 and len(self.groups) > 1 else None
+        alone = self.threads == 1 or len(self.groups) == 1
+        self._pool = None if alone else ThreadPoolExecutor(self.threads - 1)
         self.observation_size = (
             OWN_FIELDS + TARGET_FIELDS * network.n_targets + NEIGHBOUR_FIELDS * self.model.neighbours
         )
         self.observations = np.zeros(
             (environments, network.n_agents, self.observation_size), dtype=np.float32
         )
-        self.outcome = np.zeros((environments, 4))
+        self.outcome = np.zeros((environments, 5))
         announce(self.groups[0].estimators.decide, f"the batch back end with estimator {filter_name!r}")
 
     def _maker(self, held: FrozenModel | None, duration_s: float) -> Callable[[int], Any]:
@@ -174,6 +184,7 @@ class BatchSimulation:
 
     def reset(self, chosen: IntArray, seeds: Sequence[int]) -> None:
         """Start the ``chosen`` environments anew, each by its seed, and show what is seen there."""
+        self.observations = self.observations.copy()  # whoever has the old ones may keep them
         seed_of = dict(zip(chosen.tolist(), seeds, strict=True))
 
         def start(group: _Group) -> None:
@@ -190,23 +201,27 @@ class BatchSimulation:
     def step(self, actions: NDArray[Any]) -> None:
         """Run all environments through one decision with ``actions`` (E, N, 5); results are in the arrays.
 
+        ``observations`` are another array from step to step: what was handed out stays as it is.
+
         Raises
         ------
         SimulationError
             A body's state is not finite or has left the domain; the message names the environment.
         """
         flat = np.require(actions, np.float64, ["C", "W"])  # a copy if read-only: one compiled form
-        self._each(lambda g: self._decide(g, np.arange(g.count), False, flat[g.first : g.first + g.count]))
+        self.observations = np.empty_like(self.observations)
+        self._each(lambda g: self._decide(g, g.all, False, flat[g.first : g.first + g.count]))
         if self.outcome[:, DIVERGED].any():
             e = int(np.argmax(self.outcome[:, DIVERGED]))
             raise SimulationError(f"environment {e}: an agent diverged (not finite, too fast or too far)")
 
     def _decide(self, group: _Group, rows: IntArray, fresh: bool, actions: Array) -> None:
         place = slice(group.first, group.first + group.count)
+        model, state, estimators = group.pins
         group.estimators.decide(
-            group.model,
-            group.state,
-            group.estimators.rows,
+            model.at,
+            state.at,
+            estimators.at,
             rows,
             fresh,
             actions,
@@ -215,11 +230,18 @@ class BatchSimulation:
         )
 
     def _each(self, work: Callable[[_Group], None]) -> None:
-        if self._pool is None:
-            for group in self.groups:
+        left = iter(self.groups)
+
+        def labour() -> None:
+            for group in left:  # whoever is free takes the next
                 work(group)
-        else:
-            list(self._pool.map(work, self.groups))
+
+        others = [self._pool.submit(labour) for _ in range(self.threads - 1)] if self._pool else []
+        try:
+            labour()
+        finally:
+            for other in others:
+                other.result()
 
     def set_working(self, alive: BoolArray) -> None:
         """Let the cameras of those agents work that ``alive`` (E, N) says; a new episode begins with all of them."""

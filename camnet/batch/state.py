@@ -10,10 +10,11 @@ import numpy as np
 from camnet.batch.lane_layout import build_lanes
 from camnet.batch.network import Model
 from camnet.batch.random import Streams, stream_of
+from camnet.geometry.pinned import Pins
 from camnet.simulation.network import Network
 from camnet.types import Array, IntArray
 
-__all__ = ["DELAYS", "ESTIMATE", "State", "allocate", "restart"]
+__all__ = ["DELAYS", "ESTIMATE", "STATES", "State", "allocate", "restart", "state_at"]
 
 #: columns of ``estimate``
 ESTIMATE: dict[str, Any] = {
@@ -62,7 +63,7 @@ class State(NamedTuple):
     delays : (E, DELAYS) delays of the episode's handoffs, s
     outside, touching : (E, N), (E, N, N + 1 + M) what was so at the last control period
     clock, count : (E, 4), (E, 20) counters
-    lanes : workspaces (`camnet.batch.lane_layout`) of whichever environment flies
+    lanes : workspaces (`camnet.batch.lane_layout`) of whichever environments fly
     """
 
     bodies: Array
@@ -88,6 +89,12 @@ class State(NamedTuple):
     clock: Array
     count: Array  # type: ignore[assignment] # hides the tuple's method, which nobody asks for
     lanes: Array
+
+
+#: states at addresses
+STATES = Pins(State)
+#: the state at an address, in compiled code
+state_at = STATES.of
 
 
 def allocate(model: Model, environments: int) -> State:

@@ -26,7 +26,7 @@ __all__ = ["set_planar", "step_field", "wrapped"]
 
 _TWO_PI = 2.0 * math.pi
 #: at most so many steps to the nearest place of a loop; when one is this short, m, the next would be its square
-_NEWTON_STEPS, _CLOSE_M = 4, 1e-8
+_NEWTON_STEPS, _CLOSE_M = 4, 1e-5
 #: x, y of a loop and their first and second derivatives by u
 _Place = tuple[float, float, float, float, float, float]
 

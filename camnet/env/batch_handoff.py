@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.frozen_model import FrozenModel, load_frozen
-from camnet.batch.loop import REWARD, TERMINATED, TIME
+from camnet.batch.loop import DECISIONS, REWARD, TERMINATED, TIME
 from camnet.batch.network import Shown
 from camnet.batch.simulation import FILTERS, BatchSimulation
 from camnet.batch.state import CYCLE, RETURN
@@ -171,7 +171,7 @@ class BatchHandoff:
         seed: int | None = None,
         environments: Sequence[int] | None = None,
     ) -> NDArray[np.float32]:
-        """Start episodes; return all observations (E, N, D), a copy.
+        """Start episodes; return all observations (E, N, D).
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class BatchHandoff:
         if len(seeds):
             self._seed = max(seeds)
         self._start(chosen, [int(s) for s in seeds])
-        return self.simulation.observations.copy()
+        return self.simulation.observations
 
     def _start(self, chosen: IntArray, seeds: list[int]) -> None:
         """Start episodes: physics, failures and messages, which draw from generators of their own."""
@@ -224,8 +224,8 @@ class BatchHandoff:
             simulation.observations[~before] = 0.0
         rewards = simulation.outcome[:, REWARD].copy()
         terminated = (simulation.outcome[:, TERMINATED] > 0.0) | ~self._failures.alive.any(axis=1)
-        truncated = (simulation.gather("clock")[:, CYCLE] >= self.max_cycles) & ~terminated
-        last = simulation.observations.copy()
+        truncated = (simulation.outcome[:, DECISIONS] >= self.max_cycles) & ~terminated
+        last = simulation.observations
         ended = np.flatnonzero(terminated | truncated)
         finished = {int(e): self._figures(int(e)) for e in ended}
         self._running[ended] = False

@@ -13,6 +13,7 @@ from camnet.batch.body import camera_of, fly
 from camnet.batch.motion import pack_targets, step_target
 from camnet.batch.random import normal, stream_of, uniform
 from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
+from camnet.batch.simulation import _group_sizes
 from camnet.control import reference_kernel
 from camnet.control.quadrotor_kernel import pack_model
 from camnet.control.references import RegionBounds
@@ -141,7 +142,7 @@ def test_flight_is_that_of_pybullet(flight_hz):
     beside = (bodies.copy(), memory.copy(), cameras.copy())
     circle = np.column_stack([np.cos(yaw), np.sin(yaw)])
     nowhere = (np.zeros((3, 2, 3)), np.zeros((3, 3)))
-    work = lane_layout.build_lanes(3, circle, circle, *nowhere, np.array(wind.mean_mps))[0]
+    work = lane_layout.build_lanes(3, circle, circle, *nowhere, np.array(wind.mean_mps))[0, 0]
     rows = work.reshape(-1, lane_layout.LANES)
     rng = np.random.default_rng(1)
     for k in range(180):
@@ -189,7 +190,7 @@ def test_references_are_those_of_the_array_kernel(region):
     mine = (tuple(p), tuple(v), tuple(a))
     gaze_limits, gains, camera = np.array([1.5, 6.0, 4.0]), np.array([2.0, 0.3, 0.5, 0.1]), np.eye(7)[3]
     one = np.array([[1.0, 0.0]])
-    work = lane_layout.build_lanes(1, one, one, region.bounds[None], discs, np.zeros(3))[0]
+    work = lane_layout.build_lanes(1, one, one, region.bounds[None], discs, np.zeros(3))[0, 0]
     rows, going = work.reshape(-1, lane_layout.LANES), 0
     for k in range(1500):
         if k % 40 == 0:  # goals beyond the border as well, so that braking sets in
@@ -217,7 +218,7 @@ def test_gaze_and_command_are_those_of_the_array_kernels():
     gains = np.array([2.0, 0.3, 0.5, 0.12])
     circles = [np.array([[math.cos(x), math.sin(x)]]) for x in (yaw, 0.5 * yaw)]
     everywhere = np.array([[[-1e9] * 3, [1e9] * 3]])
-    work = lane_layout.build_lanes(1, *circles, everywhere, np.zeros((1, 3)), np.zeros(3))[0]
+    work = lane_layout.build_lanes(1, *circles, everywhere, np.zeros((1, 3)), np.zeros(3))[0, 0]
     rows, gaze_limits = work.reshape(-1, lane_layout.LANES), np.array([1.5, 6.0, 4.0])
     for k in range(300):
         if k % 30 == 0:
@@ -310,3 +311,16 @@ def test_targets_on_different_roads_are_refused():
     motions = [build_motion(settings, roads) for roads in (CROSSING, CROSSING[:1])]
     with pytest.raises(ConfigError, match="share one road network"):
         pack_targets(motions)
+
+
+@pytest.mark.parametrize(
+    ("environments", "threads"), [(1, 1), (3, 4), (20, 2), (1024, 2), (5000, 16), (3000, 1)]
+)
+def test_groups_share_out_all_environments_and_the_last_are_small(environments: int, threads: int) -> None:
+    sizes = _group_sizes(environments, threads)
+    assert sum(sizes) == environments
+    assert all(0 < size <= 1024 for size in sizes)
+    if threads > 1:
+        assert len(sizes) >= min(threads, environments)
+        assert sizes[-1] <= max(lane_layout.BLOCK, sizes[0])
+        assert sizes == sorted(sizes, reverse=True)
