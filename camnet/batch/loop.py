@@ -48,6 +48,7 @@ from camnet.batch.random import normal
 from camnet.batch.reference import position_step
 from camnet.batch.sense import sense
 from camnet.batch.state import COUNT, CYCLE, RETURN, State
+from camnet.batch.target_lanes import in_lanes, step_loops
 from camnet.geometry.triples import Triple
 from camnet.types import Array, IntArray
 
@@ -243,15 +244,23 @@ def _missed(state: State, k: int) -> float:
 
 
 @inner
+def _step_targets(model: Model, state: State, block: IntArray) -> None:
+    """Advance the targets by one control period."""
+    targets, t, dt = state.target.shape[1], model.targets, model.dt_s
+    for m in range(targets):
+        if in_lanes(t, m):
+            for first in range(0, block.shape[0], LANES):
+                step_loops(t, m, state.target, state.inner, block, first, dt, state.chase)
+        else:
+            for e in block:
+                t_s, row = time_of(model, state, e), e * (2 + targets) + 2 + m
+                step_target(t, m, state.target, state.inner, e, t_s, dt, state.streams, row)
+
+
+@inner
 def _fly_once(model: Model, state: State, block: IntArray) -> None:
     """Advance the environments by one control period."""
-    targets = state.target.shape[1]
-    for e in block:
-        t_s, row = time_of(model, state, e), e * (2 + targets) + 2
-        for m in range(targets):
-            step_target(
-                model.targets, m, state.target, state.inner, e, t_s, model.dt_s, state.streams, row + m
-            )
+    _step_targets(model, state, block)
     _command(model, state, block)
     _fly(model, state, block)
     _go_on(model, state, block)

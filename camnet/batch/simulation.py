@@ -28,6 +28,7 @@ from camnet.batch.observe import NEIGHBOUR_FIELDS, OWN_FIELDS, TARGET_FIELDS
 from camnet.batch.state import STATES, State, allocate, restart
 from camnet.errors import ConfigError, SimulationError
 from camnet.geometry.kernel_cache import announce
+from camnet.geometry.pinned import call_compiled
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, IntArray
 
@@ -218,7 +219,8 @@ class BatchSimulation:
     def _decide(self, group: _Group, rows: IntArray, fresh: bool, actions: Array) -> None:
         place = slice(group.first, group.first + group.count)
         model, state, estimators = group.pins
-        group.estimators.decide(
+        call_compiled(
+            group.estimators.decide,
             model.at,
             state.at,
             estimators.at,

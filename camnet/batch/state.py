@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from camnet.batch.lane_layout import build_lanes
+from camnet.batch.lane_layout import LANES, build_lanes, on_cache_lines
 from camnet.batch.network import Model
 from camnet.batch.random import Streams, stream_of
+from camnet.batch.target_lanes import ROWS
 from camnet.geometry.pinned import Pins
 from camnet.simulation.network import Network
 from camnet.types import Array, IntArray
@@ -64,6 +65,7 @@ class State(NamedTuple):
     outside, touching : (E, N), (E, N, N + 1 + M) what was so at the last control period
     clock, count : (E, 4), (E, 20) counters
     lanes : workspaces (`camnet.batch.lane_layout`) of whichever environments fly
+    chase : scratch of `camnet.batch.target_lanes`
     """
 
     bodies: Array
@@ -89,6 +91,7 @@ class State(NamedTuple):
     clock: Array
     count: Array  # type: ignore[assignment] # hides the tuple's method, which nobody asks for
     lanes: Array
+    chase: Array
 
 
 #: states at addresses
@@ -125,6 +128,7 @@ def allocate(model: Model, environments: int) -> State:
         clock=np.zeros((e, 4)),
         count=np.zeros((e, COUNTS)),
         lanes=build_lanes(n, model.yaw, model.half_yaw, model.boxes, model.discs, model.wind),
+        chase=on_cache_lines(np.zeros(ROWS * LANES)),
     )
 
 

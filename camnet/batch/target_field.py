@@ -26,9 +26,12 @@ __all__ = ["set_planar", "step_field", "wrapped"]
 
 _TWO_PI = 2.0 * math.pi
 #: at most so many steps to the nearest place of a loop; when one is this short, m, the next would be its square
-_NEWTON_STEPS, _CLOSE_M = 4, 1e-5
+_NEWTON_STEPS, CLOSE_M = 4, 1e-5
 #: x, y of a loop and their first and second derivatives by u
-_Place = tuple[float, float, float, float, float, float]
+Place = tuple[float, float, float, float, float, float]
+_Cubic = tuple[float, float, float, float]
+#: see ``driven``
+Limits = tuple[float, float, float, float, float]
 
 
 @inlined
@@ -43,6 +46,14 @@ def set_planar(
 ) -> None:
     """Write the state of a target that drives forward at ``v`` and turns at ``w``."""
     c, s = circle(0.5 * heading)
+    put_planar(now, e, m, x, y, z, c, s, v, w)
+
+
+@inlined
+def put_planar(
+    now: Array, e: int, m: int, x: float, y: float, z: float, c: float, s: float, v: float, w: float
+) -> None:
+    """Write what `set_planar` does, from the cosine and the sine of half the heading."""
     now[e, m, 0], now[e, m, 1], now[e, m, 2] = x, y, z
     now[e, m, 3], now[e, m, 4], now[e, m, 5], now[e, m, 6] = c, 0.0, 0.0, s
     now[e, m, 7], now[e, m, 8], now[e, m, 9] = v * (c * c - s * s), v * (2.0 * s * c), 0.0
@@ -70,12 +81,19 @@ def _nearest_sample(t: Targets, m: int, x: float, y: float) -> int:
 
 
 @inlined
-def _on_curve(t: Targets, first: int, piece: int, u: float) -> _Place:
+def _on_curve(t: Targets, first: int, piece: int, u: float) -> Place:
     """x, y of a loop and their first and second derivatives by u, in one of its pieces."""
     k = first + piece
-    h, c = u - t.knots[k], t.pieces
-    ax, bx, cx, dx = c[k, 0, 0], c[k, 0, 1], c[k, 0, 2], c[k, 0, 3]
-    ay, by, cy, dy = c[k, 1, 0], c[k, 1, 1], c[k, 1, 2], c[k, 1, 3]
+    c = t.pieces
+    x, y = (c[k, 0, 0], c[k, 0, 1], c[k, 0, 2], c[k, 0, 3]), (c[k, 1, 0], c[k, 1, 1], c[k, 1, 2], c[k, 1, 3])
+    return on_cubic(x, y, u - t.knots[k])
+
+
+@inlined
+def on_cubic(x: _Cubic, y: _Cubic, h: float) -> Place:
+    """Points of two cubics, and their derivatives."""
+    ax, bx, cx, dx = x
+    ay, by, cy, dy = y
     return (
         ax + h * (bx + h * (cx + h * dx)),
         ay + h * (by + h * (cy + h * dy)),
@@ -89,7 +107,7 @@ def _on_curve(t: Targets, first: int, piece: int, u: float) -> _Place:
 @inner
 def _nearest(
     t: Targets, m: int, piece: int, u: float, x: float, y: float
-) -> tuple[bool, int, float, float, _Place]:
+) -> tuple[bool, int, float, float, Place]:
     """Newton's search from ``u``: whether it has ended, piece and parameter, how far it went, and the place there."""
     first, pieces = t.knot_first[m], t.knot_first[m + 1] - t.knot_first[m] - 1
     period, gone, ended = t.knots[first + pieces], 0.0, False
@@ -106,12 +124,12 @@ def _nearest(
         if slope <= 0.0:  # beyond the centre of curvature: the sample is as near as it gets
             break
         step = ((px - x) * dx + (py - y) * dy) / slope
-        u, gone, ended = u - step, gone - step, abs(step) < _CLOSE_M
+        u, gone, ended = u - step, gone - step, abs(step) < CLOSE_M
     return ended, piece, u, gone, (px, py, dx, dy, ddx, ddy)
 
 
 @inner
-def _place_by(t: Targets, m: int, inner: Array, e: int, x: float, y: float) -> tuple[float, _Place]:
+def _place_by(t: Targets, m: int, inner: Array, e: int, x: float, y: float) -> tuple[float, Place]:
     """Parameter of the nearest place of a loop, and the place."""
     moved = inner[e, m, 4]
     ended, piece, u, gone, place = _nearest(t, m, int(inner[e, m, 5]), inner[e, m, 3] + moved, x, y)
@@ -132,24 +150,34 @@ def _loop(
     t: Targets, m: int, inner: Array, e: int, x: float, y: float, c: float, s: float
 ) -> tuple[float, float, float, float]:
     """Return what a loop wants at a point: `LoopField`, the direction from the heading (cosine, sine) ``c, s`` on."""
-    u, (px, py, dx, dy, ddx, ddy) = _place_by(t, m, inner, e, x, y)
+    u, place = _place_by(t, m, inner, e, x, y)
     period = t.knots[t.knot_first[m + 1] - 1]
+    aside, ahead, gx, gy = led_along(place, x, y, c, s, t.shape[m, 0])
+    return direction(aside, ahead), gx, gy, t.shape[m, 1] * speed_wave(t.shape[m, 2], u / period)
+
+
+@inlined
+def speed_wave(height: float, turns: float) -> float:
+    """Speed on a loop over its mean, so many turns around it."""
+    return 1.0 + height * circle(_TWO_PI * SPEED_WAVES * turns)[1]
+
+
+@inlined
+def led_along(
+    place: Place, x: float, y: float, c: float, s: float, g: float
+) -> tuple[float, float, float, float]:
+    """Vector (aside, ahead) to the direction that a loop wants at a point, and that direction's gradient."""
+    px, py, dx, dy, ddx, ddy = place
     per_speed = 1.0 / math.sqrt(dx * dx + dy * dy)
     tx, ty, kappa = (
         dx * per_speed,
         dy * per_speed,
         (dx * ddy - dy * ddx) * (per_speed * per_speed * per_speed),
     )
-    g, d = t.shape[m, 0], tx * (y - py) - ty * (x - px)
+    d = tx * (y - py) - ty * (x - px)
     along, across = kappa / max(1.0 - kappa * d, LEAST_STRETCH), -g / (1.0 + (g * d) * (g * d))
-    wave = 1.0 + t.shape[m, 2] * circle(2.0 * math.pi * SPEED_WAVES * u / period)[1]
     wx, wy = tx + g * d * ty, ty - g * d * tx  # the tangent's direction less atan(g d)
-    return (
-        direction(wy * c - wx * s, wx * c + wy * s),
-        along * tx - across * ty,
-        along * ty + across * tx,
-        t.shape[m, 1] * wave,
-    )
+    return wy * c - wx * s, wx * c + wy * s, along * tx - across * ty, along * ty + across * tx
 
 
 @inner
@@ -164,20 +192,34 @@ def _guide(
     return wrapped(psi - theta), gx, gy, v
 
 
+@inlined
+def driven(
+    turn: float, grad_x: float, grad_y: float, v: float, c: float, s: float, limits: Limits
+) -> tuple[float, float]:
+    """Forward and turning speed within ``limits``: of both, of the wheels, wheels apart, gain of the turn."""
+    v_max, w_max, wheel_max, apart, gain = limits
+    v = min(v, v_max)
+    w = gain * turn + v * (grad_x * c + grad_y * s)
+    w = min(max(w, -w_max), w_max)
+    fastest = abs(v) + abs(w) * 0.5 * apart
+    scale = wheel_max / fastest if fastest > wheel_max else 1.0
+    return v * scale, w * scale
+
+
+@inlined
+def limits_of(t: Targets, m: int) -> Limits:
+    """Return what ``driven`` needs of a target."""
+    a = t.shape
+    return a[m, 5], a[m, 6], a[m, 8], a[m, 7], a[m, 10]
+
+
 @inner
-def _drive(
+def drive(
     t: Targets, m: int, inner: Array, e: int, x: float, y: float, theta: float, c: float, s: float
 ) -> tuple[float, float]:
     """Forward and turning speed that the robot runs at a pose: `VectorFieldMotion._command`."""
     turn, grad_x, grad_y, v = _guide(t, m, inner, e, x, y, theta, c, s)
-    v_max, w_max, wheel_max = t.shape[m, 5], t.shape[m, 6], t.shape[m, 8]
-    v = min(v, v_max)
-    w = t.shape[m, 10] * turn + v * (grad_x * c + grad_y * s)
-    w = min(max(w, -w_max), w_max)
-    fastest = abs(v) + abs(w) * 0.5 * t.shape[m, 7]
-    if fastest > wheel_max:
-        v, w = v * wheel_max / fastest, w * wheel_max / fastest
-    return v, w
+    return driven(turn, grad_x, grad_y, v, c, s, limits_of(t, m))
 
 
 @inner
@@ -188,7 +230,7 @@ def step_field(t: Targets, m: int, now: Array, inner: Array, e: int, dt: float) 
     lag, half = t.shape[m, 9], 0.5 * dt
     c, s = circle(theta)
     if lag > 0.0:
-        v_goal, w_goal = _drive(t, m, inner, e, x, y, theta, c, s)
+        v_goal, w_goal = drive(t, m, inner, e, x, y, theta, c, s)
         gain = -math.expm1(-dt / lag)
         v_next, w_next = v + gain * (v_goal - v), w + gain * (w_goal - w)
         v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
@@ -196,11 +238,11 @@ def step_field(t: Targets, m: int, now: Array, inner: Array, e: int, dt: float) 
     else:
         theta_mid, x_mid, y_mid = theta + half * w, x + half * v * c, y + half * v * s
         c, s = circle(theta_mid)
-        v_mid, w_mid = _drive(t, m, inner, e, x_mid, y_mid, theta_mid, c, s)
+        v_mid, w_mid = drive(t, m, inner, e, x_mid, y_mid, theta_mid, c, s)
         v_next, w_next = v_mid, w_mid
     x, y, theta = x + dt * v_mid * c, y + dt * v_mid * s, theta + dt * w_mid
     if lag <= 0.0:
         c, s = circle(theta)
-        v_next, w_next = _drive(t, m, inner, e, x, y, theta, c, s)
+        v_next, w_next = drive(t, m, inner, e, x, y, theta, c, s)
     set_planar(now, e, m, x, y, 0.0, theta, v_next, w_next)
     inner[e, m, 0], inner[e, m, 1], inner[e, m, 2] = theta, v_next, w_next

@@ -13,11 +13,13 @@ from camnet.batch.compiled import inlined, outer
 from camnet.geometry.triples import Quaternion, Triple
 
 __all__ = [
+    "AHEAD",
     "SMALL",
     "circle",
     "cosine_and_sine",
     "cross",
     "direction",
+    "direction_ahead",
     "even_rotation_vector",
     "small_circle",
     "small_turn",
@@ -27,6 +29,8 @@ __all__ = [
 
 #: up to this angle, rad, the series to the eighth power is exact to the last bit
 SMALL = 0.1
+#: up to this slope the series of a direction is
+AHEAD = 0.2
 #: 1 / n! with the series' signs
 _1, _2, _3, _4, _5, _6, _7, _8 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(1, 9))
 _9, _10, _11, _12, _13, _14, _15, _16 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(9, 17))
@@ -95,8 +99,14 @@ def cosine_and_sine(x: float) -> tuple[float, float]:
 @inlined
 def direction(y: float, x: float) -> float:
     """Angle of a vector, as atan2; the series where the vector lies about ahead."""
-    if not abs(y) <= 0.2 * x:
+    if not abs(y) <= AHEAD * x:
         return math.atan2(y, x)
+    return direction_ahead(y, x)
+
+
+@inlined
+def direction_ahead(y: float, x: float) -> float:
+    """Angle of a vector of which abs(y) is at most ``AHEAD`` x."""
     t = y / x
     s = t * t
     z = s * s

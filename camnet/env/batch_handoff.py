@@ -223,7 +223,9 @@ class BatchHandoff:
         if not before.all():
             simulation.observations[~before] = 0.0
         rewards = simulation.outcome[:, REWARD].copy()
-        terminated = (simulation.outcome[:, TERMINATED] > 0.0) | ~self._failures.alive.any(axis=1)
+        terminated = simulation.outcome[:, TERMINATED] > 0.0
+        if self._failures.possible:
+            terminated |= ~self._failures.alive.any(axis=1)
         truncated = (simulation.outcome[:, DECISIONS] >= self.max_cycles) & ~terminated
         last = simulation.observations
         ended = np.flatnonzero(terminated | truncated)

@@ -9,12 +9,13 @@ same from call to call is pinned once, and its address handed over instead:
 
 The arrays' elements are read and written in place. Whoever replaces an array has to pin again. A header guards against
 compiled code that was made for another layout: Numba's cache on disk does not notice when a named tuple that is defined
-in another file has changed.
+in another file has changed. ``call_compiled`` compiles such code anew.
 """
 
 from __future__ import annotations
 
 import hashlib
+from threading import Lock
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -26,7 +27,7 @@ from numba.extending import intrinsic as _intrinsic
 
 from camnet.geometry.borrow import Lent
 
-__all__ = ["Pinned", "Pins"]
+__all__ = ["Pinned", "Pins", "StaleCodeError", "call_compiled"]
 
 #: the inside of Numba has types in part only
 types: Any = _types
@@ -37,6 +38,26 @@ typeof: Any = _typeof
 _T = TypeVar("_T")
 #: bytes before the tuple: the digest of its layout, and room so that it begins at a multiple of 16
 _HEADER = 16
+
+
+_RENEWAL = Lock()
+
+
+class StaleCodeError(RuntimeError):
+    """Compiled code was made for another layout of what is pinned."""
+
+
+def call_compiled(kernel: Any, *arguments: Any) -> Any:  # noqa: ANN401 - any compiled function
+    """Call a compiled function; if what the disk had of it is for another layout, compile it anew first."""
+    try:
+        return kernel(*arguments)
+    except StaleCodeError:
+        with _RENEWAL:
+            try:  # another thread may have been here
+                return kernel(*arguments)
+            except StaleCodeError:
+                kernel.recompile()
+                return kernel(*arguments)
 
 
 class Pinned(Generic[_T]):
@@ -136,7 +157,7 @@ class Pins(Generic[_T]):
                 found = builder.load(builder.inttoptr(place, digest.type.as_pointer()))
                 with cgutils.if_unlikely(builder, builder.icmp_unsigned("!=", found, digest)):
                     text = "compiled code is older than what it is called with: clear Numba's cache"
-                    context.call_conv.return_user_exc(builder, RuntimeError, (text,))
+                    context.call_conv.return_user_exc(builder, StaleCodeError, (text,))
                 start = builder.add(place, context.get_constant(types.intp, _HEADER))
                 return builder.inttoptr(start, context.get_value_type(of).as_pointer())
 

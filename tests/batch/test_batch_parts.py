@@ -14,6 +14,9 @@ from camnet.batch.motion import pack_targets, step_target
 from camnet.batch.random import normal, stream_of, uniform
 from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
 from camnet.batch.simulation import _group_sizes
+from camnet.batch.target_field import step_field
+from camnet.batch.target_lanes import ROWS, in_lanes, step_loops
+from camnet.config.load import load_scenario
 from camnet.control import reference_kernel
 from camnet.control.quadrotor_kernel import pack_model
 from camnet.control.references import RegionBounds
@@ -27,6 +30,7 @@ from camnet.geometry.triples import log, multiply, rotate
 from camnet.motion.factory import build_motion
 from camnet.motion.settings import TargetSettings
 from camnet.motion.track import Track
+from camnet.simulation.network import build_network
 from camnet.world.description import AgentSpec, WorldDescription
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet import PyBulletWorld
@@ -303,6 +307,48 @@ def test_targets_move_as_their_laws_say():
         if k % 300 == 299:
             rows = [np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body]) for s in states]
             np.testing.assert_allclose(now[0], rows, rtol=0, atol=1e-9)
+
+
+@njit
+def _step_in_lanes(laws, now, inner, block, dt, work):
+    for first in range(0, block.shape[0], 4):
+        step_loops(lend(laws), 0, now, inner, block, first, dt, work)
+
+
+@njit
+def _in_lanes(laws):
+    return in_lanes(lend(laws), 0)
+
+
+@njit
+def _step_alone(laws, now, inner, e, dt):
+    step_field(lend(laws), 0, now, inner, e, dt)
+
+
+def test_targets_on_loops_move_in_lanes_as_they_do_alone():
+    """Six of eight environments, the last lanes repeated; two start far off the loop or against its direction."""
+    motion = build_network(load_scenario("quickstart")).description.targets[0].motion
+    laws, dt = pack_targets([motion]), 1 / 60
+    assert _in_lanes(laws)
+    rng, block = np.random.default_rng(3), np.array([0, 2, 3, 5, 6, 7])
+    now, inner = np.zeros((8, 1, 13)), np.zeros((8, 1, 8))
+    for e in block:
+        s = motion.reset(rng)
+        now[e, 0] = np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body])
+        inner[e, 0, : len(s.internal)] = s.internal
+    now[2, 0, :2] += 1.1
+    inner[5, 0, 0] += 2.5
+    lanes, alone = (now.copy(), inner.copy()), (now, inner)
+    work = np.zeros(ROWS * 4)
+    for _ in range(6000):  # more than a lap
+        _step_in_lanes(laws, *lanes, block, dt, work)
+        for e in block:
+            _step_alone(laws, *alone, e, dt)
+    assert not now[[1, 4]].any()
+    np.testing.assert_allclose(lanes[0], alone[0], rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(
+        lanes[1][:, :, [0, 1, 2, 3, 5]], alone[1][:, :, [0, 1, 2, 3, 5]], rtol=0.0, atol=1e-8
+    )
 
 
 def test_targets_on_different_roads_are_refused():

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from camnet.geometry.pinned import Pins
+from camnet.geometry.pinned import Pins, StaleCodeError, call_compiled
 from camnet.geometry.triples import borrowing
 from camnet.types import Array
 
@@ -57,5 +57,25 @@ def test_another_layout_is_refused_before_and_at_the_call() -> None:
     with pytest.raises(TypeError, match="_Outside: pinned as"):
         _PINS.pin(_tuple()._replace(table=np.asfortranarray(np.zeros((4, 2)))))
     pinned._room[:8] = 7  # as of a layout that the code was not compiled for
-    with pytest.raises(RuntimeError, match="clear Numba's cache"):
+    with pytest.raises(StaleCodeError, match="clear Numba's cache"):
         _sum_up(pinned.at, 0, np.zeros(1))
+
+
+class _Kernel:
+    """Stands for compiled code that the disk had for another layout."""
+
+    renewed = 0
+
+    def __call__(self, number: int) -> int:
+        if not self.renewed:
+            raise StaleCodeError
+        return number + 1
+
+    def recompile(self) -> None:
+        self.renewed += 1
+
+
+def test_stale_code_is_compiled_anew_once() -> None:
+    kernel = _Kernel()
+    assert [call_compiled(kernel, k) for k in range(3)] == [1, 2, 3]
+    assert kernel.renewed == 1
