@@ -1,0 +1,170 @@
+"""Flight of a block of environments for a control period, stage by stage, in the lanes of their workspaces."""
+
+from __future__ import annotations
+
+import math
+
+from camnet.batch.body import camera_of, fly
+from camnet.batch.compiled import inner
+from camnet.batch.lane_layout import (
+    ALLOWED,
+    ERROR,
+    HEADING,
+    LANES,
+    LOOK,
+    MOTION,
+    SETPOINT,
+    WIND,
+    A,
+    U,
+    get,
+    get_pair,
+    load_flight,
+    load_plan,
+    put,
+    show,
+    store_flight,
+    store_plan,
+)
+from camnet.batch.lane_references import ask_lanes, follow_lanes
+from camnet.batch.lanes import fly_lanes, note_joints
+from camnet.batch.network import Model
+from camnet.batch.random import normal
+from camnet.batch.reference import position_step
+from camnet.batch.state import State
+from camnet.types import Array, IntArray
+
+__all__ = ["fly_agents", "load", "missed", "store"]
+
+
+@inner
+def _air(model: Model, state: State, e: int) -> None:
+    """Draw the next gusts: first-order Gauss-Markov, as in the flight of the PyBullet back end."""
+    if model.gust_std == 0.0:
+        return
+    row = e * (2 + state.target.shape[1]) + 1
+    kick = math.sqrt(1.0 - model.gust_keep * model.gust_keep) * model.gust_std
+    for n in range(state.gust.shape[1]):
+        for i in range(3):
+            state.gust[e, n, i] = model.gust_keep * state.gust[e, n, i] + kick * normal(state.streams, row)
+
+
+@inner
+def load(state: State, lanes: Array, e: int) -> None:
+    """Put the agents into the workspaces ``lanes`` (B, 4 ROWS) of one environment."""
+    agents = state.bodies.shape[1]
+    for k in range(lanes.shape[0] * LANES):
+        x, lane, n = lanes[k // LANES], k % LANES, min(k, agents - 1)
+        load_flight(x, lane, state.bodies, state.memory, state.cameras, e, n)
+        load_plan(x, lane, state.motion, state.setpoint, e, n)
+    for b in range(lanes.shape[0]):
+        note_joints(lanes[b])
+
+
+@inner
+def store(state: State, lanes: Array, e: int) -> None:
+    """Take them back."""
+    for n in range(state.bodies.shape[1]):
+        x, lane = lanes[n // LANES], n % LANES
+        store_flight(x, lane, state.bodies, state.memory, e, n)
+        store_plan(x, lane, state.motion, e, n)
+
+
+@inner
+def _blow(model: Model, state: State, e: int, b: int, x: Array) -> None:
+    """Let the gusts blow on the agents of the workspace ``x``, the ``b``-th of environment ``e``."""
+    last = state.bodies.shape[1] - 1
+    for i in range(LANES):
+        g, n = state.gust, min(LANES * b + i, last)
+        gust = (g[e, n, 0], g[e, n, 1], g[e, n, 2])
+        put(x, WIND, i, (model.wind[0] + gust[0], model.wind[1] + gust[1], model.wind[2] + gust[2]))
+
+
+@inner
+def _fly_one_by_one(model: Model, state: State, e: int, b: int, x: Array) -> None:
+    """Fly the agents of a workspace one by one."""
+    agents = state.bodies.shape[1]
+    for i in range(LANES):
+        n = LANES * b + i
+        if n < agents:
+            store_flight(x, i, state.bodies, state.memory, e, n)
+            u, a, w, wind = get(x, U, i), get(x, A, i), get(x, LOOK, i), get(x, WIND, i)
+            heading, c = get_pair(x, HEADING, i), model.constants
+            fly(state.bodies, state.memory, e, n, u, a, w, heading, wind, c, model.periods)
+            camera_of(state.bodies, state.memory, e, n, model.offset, state.cameras)
+        load_flight(x, i, state.bodies, state.memory, state.cameras, e, min(n, agents - 1))
+    note_joints(x)
+
+
+@inner
+def _brake(model: Model, agents: int, b: int, x: Array) -> None:
+    """Move those references on that have to brake."""
+    for i in range(LANES):
+        if x[ALLOWED * LANES + i] == 0.0:
+            p, v, a = position_step(
+                get(x, MOTION, i),
+                get(x, MOTION + 3, i),
+                get(x, MOTION + 6, i),
+                get(x, SETPOINT, i),
+                min(LANES * b + i, agents - 1),
+                model.margin,
+                model.planes,
+                model.plane_ends,
+                model.discs,
+                model.limits,
+                model.dt_s,
+            )
+            put(x, MOTION, i, p)
+            put(x, MOTION + 3, i, v)
+            put(x, MOTION + 6, i, a)
+
+
+@inner
+def _command(model: Model, state: State, block: IntArray) -> None:
+    """Let the air blow, and command what brings the agents to their references."""
+    for k in range(block.shape[0]):
+        _air(model, state, block[k])
+        for b in range(state.lanes.shape[1]):
+            if model.gust_std > 0.0:
+                _blow(model, state, block[k], b, state.lanes[k, b])
+            ask_lanes(state.lanes[k, b], model.gains, model.switching)
+
+
+@inner
+def _fly(model: Model, state: State, block: IntArray) -> None:
+    """Fly all agents for a control period."""
+    for k in range(block.shape[0]):
+        for b in range(state.lanes.shape[1]):
+            if not fly_lanes(state.lanes[k, b], model.periods, model.constants, model.offset):
+                _fly_one_by_one(model, state, block[k], b, state.lanes[k, b])
+
+
+@inner
+def _go_on(model: Model, state: State, block: IntArray) -> None:
+    """Move the references on, and show where the agents are."""
+    agents = state.bodies.shape[1]
+    for k in range(block.shape[0]):
+        for b in range(state.lanes.shape[1]):
+            x = state.lanes[k, b]
+            if not follow_lanes(x, model.margin, model.limits, model.gaze_limits, model.dt_s):
+                _brake(model, agents, b, x)
+            for i in range(min(LANES, agents - LANES * b)):
+                show(x, i, state.bodies, state.cameras, block[k], LANES * b + i)
+
+
+@inner
+def missed(state: State, k: int) -> float:
+    """Sum of the squared errors of the references of the block's ``k``-th environment at the beginning, m^2."""
+    agents, errors = state.bodies.shape[1], 0.0
+    for b in range(state.lanes.shape[1]):
+        for i in range(min(LANES, agents - LANES * b)):
+            errors += state.lanes[k, b, ERROR * LANES + i]
+    return errors
+
+
+@inner
+def fly_agents(model: Model, state: State, block: IntArray) -> None:
+    """Command the agents, fly them, and move their references on."""
+    _command(model, state, block)
+    _fly(model, state, block)
+    _go_on(model, state, block)
