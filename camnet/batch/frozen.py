@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from camnet.batch.compiled import inner, owner
 from camnet.batch.estimator_learn import fit_motion
 from camnet.batch.frozen_motion import Frozen, blended, frozen_at, learned, midpoint
-from camnet.batch.lane_layout import BLOCK
 from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
 from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries
@@ -356,6 +355,7 @@ def decide(
     model, state, f = network_at(model_place), state_at(state_place), frozen_at(place)
     noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path = np.empty((model.steps, 4))
-    for first in range(0, len(chosen), BLOCK):
-        block = chosen[first : first + BLOCK]
+    together = state.lanes.shape[0]
+    for first in range(0, len(chosen), together):
+        block = chosen[first : first + together]
         _decide_block(model, state, f, block, fresh, actions, noise, path, observations, outcome)

@@ -150,7 +150,8 @@ def midpoint(
 
     ``fade`` is what is left of the prior's turn after half of ``dt``, ``share`` how far the prior follows the learned
     motion, ``offset`` the way along a road. The prior turns and fades by half, follows the learned motion, then does
-    the other half (Strang 1968), so that it is of second order as the position is.
+    the other half (Strang 1968), so that it is of second order as the position is. Up to the middle it turns at the
+    rate it came with, from which a road's rate differs by a step's change.
     """
     v, w, support = blended(learned(f, k, p[0], p[1]), pv, pw, f.prior > 0)
     middle, b, turns = _moved(f, p, v, 0.5 * dt), 0.5 * support * share, f.prior == 2

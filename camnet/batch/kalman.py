@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.compiled import inner, inner_owner, owner
-from camnet.batch.lane_layout import BLOCK
 from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
 from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries
@@ -174,6 +173,7 @@ def decide(
     model, state, kalman = network_at(model_place), state_at(state_place), _kalman_at(place)
     noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path = np.empty((model.steps, 4))
-    for first in range(0, len(chosen), BLOCK):
-        block = chosen[first : first + BLOCK]
+    together = state.lanes.shape[0]
+    for first in range(0, len(chosen), together):
+        block = chosen[first : first + together]
         _decide_block(model, state, kalman, block, fresh, actions, noise, path, observations, outcome)

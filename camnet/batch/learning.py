@@ -17,7 +17,6 @@ from camnet.batch.estimator import (
     rollout_lent,
 )
 from camnet.batch.estimator_layout import T
-from camnet.batch.lane_layout import BLOCK
 from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
 from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries
@@ -120,6 +119,7 @@ def decide(
     model, state, est = network_at(model_place), state_at(state_place), _learning_at(place)
     noise = np.empty((state.cameras.shape[1], state.target.shape[1], 6))
     path, wide = np.empty((model.steps, 4)), np.empty((model.steps, 8))
-    for first in range(0, len(chosen), BLOCK):
-        block = chosen[first : first + BLOCK]
+    together = state.lanes.shape[0]
+    for first in range(0, len(chosen), together):
+        block = chosen[first : first + together]
         _decide_block(model, state, est, block, fresh, actions, noise, wide, path, observations, outcome)
