@@ -1,8 +1,12 @@
-"""Numba's cache on disk, for several processes at once.
+"""Numba's cache on disk, for several processes at once, and for code that is spread over several files.
 
 To add a kernel, Numba reads an index, takes the next free file name and writes the index back. Of two processes that do
 so at the same moment both take the same name, and what one wrote is later read as the other's code. So processes take
 turns, folder by folder; where the system has no such locks, all is as Numba has it.
+
+Numba takes code from the disk until the kernel's own file changes. Here it also has to be the same code that the kernel
+calls, constants that it reads and fields of the named tuples that it takes, wherever they are written
+(`camnet.geometry.kernel_source`).
 """
 
 from __future__ import annotations
@@ -13,19 +17,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from numba.core.caching import Cache as _KernelCache
 from numba.core.caching import IndexDataCacheFile as _IndexDataCacheFile
+
+from camnet.geometry.kernel_source import fields_of, source_digest
 
 try:
     import fcntl
 except ImportError:  # not a POSIX system
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["announce", "take_turns"]
+__all__ = ["announce", "notice_changes", "take_turns"]
 
 _LOG = logging.getLogger(__name__)
 
 #: the inside of Numba has no types
 _Cache: Any = _IndexDataCacheFile
+_Kernel: Any = _KernelCache
 
 
 @contextmanager
@@ -54,8 +62,50 @@ def take_turns() -> None:
         _Cache.save, _Cache.load = _in_turn(_Cache.save), _in_turn(_Cache.load)
 
 
+def _stamp(kernel: Any) -> None:  # noqa: ANN401 - of Numba's inside
+    """Let the stamp that code on disk must bear tell all that the kernel is made of, not its file's time alone."""
+    file = kernel._cache_file
+    if isinstance(file._source_stamp, _Stamp):
+        return  # not on import: names may be bound further down in the file
+    file._source_stamp = _Stamp((file._source_stamp, source_digest(kernel._py_func)))
+
+
+class _Stamp(tuple[Any, str]):
+    """Numba's stamp and the digest of what the kernel is made of."""
+
+    __slots__ = ()
+
+
+def _stamped(method: Callable[..., Any]) -> Callable[..., Any]:
+    def stamped(self: Any, *arguments: Any) -> Any:  # noqa: ANN401 - of Numba's inside
+        _stamp(self)
+        return method(self, *arguments)
+
+    return stamped
+
+
+def _with_fields(method: Callable[..., Any]) -> Callable[..., Any]:
+    def keyed(self: Any, signature: Any, codegen: Any) -> Any:  # noqa: ANN401 - of Numba's inside
+        arguments = getattr(signature, "args", signature)
+        return (*method(self, signature, codegen), tuple(fields_of(of) for of in arguments))
+
+    return keyed
+
+
+def notice_changes() -> None:
+    """Let code on disk count only while all that is compiled into it is as it was; called once, on import."""
+    _Kernel.load_overload, _Kernel.save_overload = (
+        _stamped(_Kernel.load_overload),
+        _stamped(_Kernel.save_overload),
+    )
+    _Kernel._index_key = _with_fields(_Kernel._index_key)
+
+
 def announce(kernel: Any, what: str) -> None:  # noqa: ANN401 - a compiled function
-    """Warn that ``what`` has to be compiled first, if there is no code of ``kernel`` on disk yet; call before it."""
-    files = getattr(kernel._cache, "_cache_file", None)
-    if not kernel.signatures and files is not None and not Path(files._index_path).exists():
+    """Warn that ``what`` has to be compiled first, if the disk has no code of ``kernel`` as it is; call before it."""
+    cache = kernel._cache
+    if kernel.signatures or not hasattr(cache, "_cache_file"):
+        return
+    _stamp(cache)
+    if not cache._cache_file._load_index():
         _LOG.warning("compiling %s; this takes a minute or two, once on this machine", what)

@@ -1,0 +1,104 @@
+"""Code on disk is taken only while all that was compiled into it is as it was."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from numba import config
+
+import camnet.geometry  # noqa: F401 - it makes Numba notice
+
+_MAIN = """
+from numba import njit
+import kernels_helper as helper
+from kernels_helper import SCALE, inner
+
+@njit(cache=True)
+def outer(pair, x):
+    return SCALE * inner(x) + pair.a + helper.SHIFT
+"""
+_HELPER = '''
+from typing import NamedTuple
+from numba import njit
+
+SCALE, SHIFT, POWER = 2.0, 0.0, 10.0
+
+
+class Pair(NamedTuple):
+    """Two numbers."""
+
+    a: float
+    b: float
+
+
+@njit
+def deep(x):
+    """Deep."""
+    return x * POWER
+
+
+@njit
+def inner(x):
+    return deep(x)
+
+
+def make():
+    return 0
+'''
+
+
+class Program:
+    """Two files with a kernel, imported anew at every run."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / "kernels_main.py").write_text(_MAIN)
+
+    def run(self, helper: str) -> tuple[float, bool]:
+        """Return what the kernel says, and whether its code came from the disk."""
+        (self.folder / "kernels_helper.py").write_text(helper)
+        for name in ("kernels_main", "kernels_helper"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        main, now = (importlib.import_module(name) for name in ("kernels_main", "kernels_helper"))
+        value = main.outer(now.Pair(a=1.0, b=2.0), 3.0)
+        return value, bool(main.outer.stats.cache_hits)
+
+
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Program]:
+    """Program whose kernel has been compiled once: 2 * (10 * 3) + 1."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # files of the same second and size look the same
+    monkeypatch.syspath_prepend(tmp_path)
+    made = Program(tmp_path)
+    assert made.run(_HELPER) == (61.0, False)
+    assert made.run(_HELPER) == (61.0, True)
+    yield made
+    for name in ("kernels_main", "kernels_helper"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "value"),
+    [
+        ("x * POWER", "x * POWER + 1.0", 63.0),  # a function two files away
+        ("POWER = 2.0, 0.0, 10.0", "POWER = 2.0, 0.0, 20.0", 121.0),  # a constant that only that one reads
+        ("SCALE, SHIFT, POWER = 2.0, 0.0", "SCALE, SHIFT, POWER = 2.0, 5.0", 66.0),  # read as helper.SHIFT
+        ("    a: float\n    b: float", "    b: float\n    a: float", 61.0),  # same types, other places
+    ],
+)
+def test_a_change_in_another_file_is_compiled(program: Program, old: str, new: str, value: float) -> None:
+    assert old in _HELPER
+    changed = _HELPER.replace(old, new)
+    assert program.run(changed) == (value, False)
+    assert program.run(changed) == (value, True)
+
+
+def test_what_is_not_compiled_does_not_count(program: Program) -> None:
+    changed = _HELPER.replace('"""Deep."""', '"""Other words."""').replace("return 0", "return 1")
+    assert program.run("# a comment\n" + changed) == (61.0, True)
