@@ -15,7 +15,6 @@ object or holds the interpreter's lock. A setup has the room that its rows are w
 ``p`` (3,) and ``q`` (4,) are the measured pose of the target in the world; ``region`` is the index of the camera that
 measured it. Times must not run backwards; a measurement older than the state is moved along as in the class.
 
-
 Loops that hold setup and state by their address (`camnet.geometry.borrow.lend`) call ``correct_lent`` and its like.
 """
 
@@ -24,7 +23,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inner, outer
-from camnet.batch.estimator_layout import (
+from camnet.batch.estimator_columns import (
     ADVANCED,
     CROSSED,
     GAP_MODEL,
@@ -37,23 +36,17 @@ from camnet.batch.estimator_layout import (
     REGION,
     SEEN,
     TWIST,
-    EstimatorSetup,
-    EstimatorState,
     P,
     Q,
-    Rules,
     T,
-    allocate,
-    build_setup,
-    counts_of,
-    model_of,
-    reset,
-    reset_lent,
 )
+from camnet.batch.estimator_layout import EstimatorState, allocate, reset, reset_lent
 from camnet.batch.estimator_learn import lose, note_pose, refresh_prior
 from camnet.batch.estimator_measured import active_sigma, align, correct_seen, learn, resight
 from camnet.batch.estimator_model import settle
 from camnet.batch.estimator_motion import advance, integrate
+from camnet.batch.estimator_parts import counts_of, model_of
+from camnet.batch.estimator_setup import EstimatorSetup, Rules, build_setup
 from camnet.estimation.learning_estimator import MAX_STEP_S
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.estimation.radius import BLIND_SHARE, MARGIN, REMEMBERED_GAPS

@@ -8,20 +8,12 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inner
+from camnet.batch.estimator_columns import GAP, GAP_ENTRY, GAP_MODEL, GAPS_LEARNED, GATE, T
 from camnet.batch.estimator_field import Kernels, kernels_at
-from camnet.batch.estimator_layout import (
-    GAP,
-    GAP_ENTRY,
-    GAP_MODEL,
-    GAPS_LEARNED,
-    GATE,
-    Rules,
-    T,
-    model_of,
-    place_of,
-)
 from camnet.batch.estimator_learn import fit_held, misfit
 from camnet.batch.estimator_model import activate
+from camnet.batch.estimator_parts import model_of, place_of
+from camnet.batch.estimator_setup import Rules
 from camnet.batch.triples import cross, turn
 from camnet.estimation.gap import SUBSTEPS
 from camnet.estimation.learner import KNOWN_WITHIN

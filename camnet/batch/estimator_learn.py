@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inner
-from camnet.batch.estimator_layout import (
+from camnet.batch.estimator_columns import (
     ACTIVE,
     AGREED,
     CHANGED,
@@ -32,12 +32,9 @@ from camnet.batch.estimator_layout import (
     SUSPECT_RUN,
     TURNS,
     P,
-    Rules,
-    counts_of,
-    model_of,
-    sigma_of,
-    weights_of,
 )
+from camnet.batch.estimator_parts import counts_of, model_of, sigma_of, weights_of
+from camnet.batch.estimator_setup import Rules
 from camnet.batch.triples import turn
 from camnet.estimation.learner import (
     CHANGE_AFTER,

@@ -8,9 +8,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inner
-from camnet.batch.estimator_field import Kernels, kernels_at
-from camnet.batch.estimator_gap import bridge, path_windows
-from camnet.batch.estimator_layout import (
+from camnet.batch.estimator_columns import (
     CHANGED,
     CROSSED,
     EXIT,
@@ -27,17 +25,15 @@ from camnet.batch.estimator_layout import (
     TWIST,
     P,
     Q,
-    Rules,
     T,
-    counts_of,
-    inverse_of,
-    model_of,
-    place_of,
-    weights_of,
 )
+from camnet.batch.estimator_field import Kernels, kernels_at
+from camnet.batch.estimator_gap import bridge, path_windows
 from camnet.batch.estimator_learn import interrupt, next_window, refresh_prior
 from camnet.batch.estimator_model import activate, refresh, step
 from camnet.batch.estimator_motion import blend, due_steps, heading
+from camnet.batch.estimator_parts import counts_of, inverse_of, model_of, place_of, weights_of
+from camnet.batch.estimator_setup import Rules
 from camnet.batch.estimator_stack import forget, learn_window, open_books
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.propagate import COLUMNS, UNIT

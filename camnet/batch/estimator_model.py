@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inner
-from camnet.batch.estimator_layout import (
+from camnet.batch.estimator_columns import (
     ACTIVE,
     CAPACITY,
     CHANGES,
@@ -28,7 +28,8 @@ from camnet.batch.estimator_layout import (
     STALE,
     STRIDE,
     WINDOWS,
-    Rules,
+)
+from camnet.batch.estimator_parts import (
     books_of,
     counts_of,
     inverse_of,
@@ -40,6 +41,7 @@ from camnet.batch.estimator_layout import (
     sigma_of,
     weights_of,
 )
+from camnet.batch.estimator_setup import Rules
 from camnet.estimation.projection import project_step
 from camnet.estimation.propagate import COLUMNS, TWIST_OUTPUTS
 from camnet.estimation.vector_rows import panel_product

@@ -8,27 +8,12 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inner
+from camnet.batch.estimator_columns import ACTIVE, ADVANCED, MODEL, OWED, PRIOR, TWIST, P, Q, T
 from camnet.batch.estimator_field import Kernels, dense_weights, field_on_grid, kernels_at
-from camnet.batch.estimator_layout import (
-    ACTIVE,
-    ADVANCED,
-    MODEL,
-    OWED,
-    PRIOR,
-    TWIST,
-    P,
-    Q,
-    Rules,
-    T,
-    counts_of,
-    inverse_of,
-    model_of,
-    order_of,
-    place_of,
-    weights_of,
-)
 from camnet.batch.estimator_learn import refresh_prior, road_offset
 from camnet.batch.estimator_model import step
+from camnet.batch.estimator_parts import counts_of, inverse_of, model_of, order_of, place_of, weights_of
+from camnet.batch.estimator_setup import Rules
 from camnet.batch.triples import turn
 from camnet.estimation.learning_estimator import MAX_STEP_S
 from camnet.estimation.projection import axis_factor

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inner
-from camnet.batch.estimator_layout import (
+from camnet.batch.estimator_columns import (
     ACTIVE,
     CAPACITY,
     CHANGES,
@@ -24,7 +24,9 @@ from camnet.batch.estimator_layout import (
     STALE,
     STRIDE,
     WINDOWS,
-    Rules,
+)
+from camnet.batch.estimator_model import rank_one, square_norm, stack_inverse
+from camnet.batch.estimator_parts import (
     books_of,
     counts_of,
     increment_of,
@@ -34,7 +36,7 @@ from camnet.batch.estimator_layout import (
     row_of,
     weights_of,
 )
-from camnet.batch.estimator_model import rank_one, square_norm, stack_inverse
+from camnet.batch.estimator_setup import Rules
 from camnet.estimation.concurrent_learning import ALIKE, REFRESH_EVERY, TINY
 from camnet.estimation.propagate import COLUMNS
 from camnet.estimation.selection import REFRESH_EVERY as SELECTION_REFRESH

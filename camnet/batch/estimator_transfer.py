@@ -10,15 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camnet.batch.estimator_layout import (
-    ACTIVE,
-    CAPACITY,
-    GROWTH,
-    NORM2,
-    STRIDE,
-    WINDOWS,
-    EstimatorSetup,
-    EstimatorState,
+from camnet.batch.estimator_columns import ACTIVE, CAPACITY, GROWTH, NORM2, STRIDE, WINDOWS
+from camnet.batch.estimator_layout import EstimatorState
+from camnet.batch.estimator_parts import (
     counts_of,
     increment_of,
     inverse_of,
@@ -29,6 +23,7 @@ from camnet.batch.estimator_layout import (
     row_of,
     weights_of,
 )
+from camnet.batch.estimator_setup import EstimatorSetup
 from camnet.errors import ConfigError, DataError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.persistence import LearnedModel, check_same

@@ -16,7 +16,7 @@ from camnet.batch.estimator import (
     predict_lent,
     rollout_lent,
 )
-from camnet.batch.estimator_layout import T
+from camnet.batch.estimator_columns import T
 from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
 from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries

@@ -13,16 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from camnet.batch.estimator import ESTIMATE, EstimatorState, allocate, build_setup
-from camnet.batch.estimator_layout import (
-    FORGOTTEN,
-    GAPS_LEARNED,
-    OUTLIERS,
-    TURNS,
-    WINDOWS,
-    EstimatorSetup,
-    T,
-    counts_of,
-)
+from camnet.batch.estimator_columns import FORGOTTEN, GAPS_LEARNED, OUTLIERS, TURNS, WINDOWS, T
+from camnet.batch.estimator_parts import counts_of
+from camnet.batch.estimator_setup import EstimatorSetup
 from camnet.batch.estimator_transfer import learned_weights
 from camnet.batch.row_excitation import RowExcitation
 from camnet.batch.row_kernel import (

@@ -10,16 +10,10 @@ import math
 
 import numpy as np
 
-from camnet.batch.estimator_layout import (
-    ACTIVE,
-    CAPACITY,
-    FORGOTTEN,
-    WINDOWS,
-    EstimatorSetup,
-    EstimatorState,
-    counts_of,
-    row_of,
-)
+from camnet.batch.estimator_columns import ACTIVE, CAPACITY, FORGOTTEN, WINDOWS
+from camnet.batch.estimator_layout import EstimatorState
+from camnet.batch.estimator_parts import counts_of, row_of
+from camnet.batch.estimator_setup import EstimatorSetup
 from camnet.estimation.excitation import VisitedExcitation
 from camnet.estimation.settings import StackSettings
 from camnet.estimation.stack import is_excited

@@ -21,7 +21,7 @@ from camnet.batch.estimator import (
     reset_lent,
     rollout_lent,
 )
-from camnet.batch.estimator_layout import REGION, TWIST, P, T
+from camnet.batch.estimator_columns import REGION, TWIST, P, T
 from camnet.geometry.pinned import Pins
 from camnet.geometry.triples import borrowing, multiply, quaternion, rotate
 from camnet.sensing.pose_sensor import frame_at, measure_frame
