@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from camnet.batch.body import camera_of, fly
+from camnet.batch.body import fly
 from camnet.batch.compiled import inner
+from camnet.batch.gimbal import camera_of
 from camnet.batch.lane_layout import (
     ALLOWED,
     ERROR,

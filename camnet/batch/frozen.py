@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camnet.batch.compiled import inner, owner
-from camnet.batch.estimator_learn import fit_motion
+from camnet.batch.frozen_memory import growth_rate, model_in_force, refresh_prior, remember, set_radius
 from camnet.batch.frozen_motion import Frozen, blended, frozen_at, learned, midpoint
 from camnet.batch.loop import after_frames, finish, fly_and_sense, frame_taken, open_decision, time_of
 from camnet.batch.network import Model, network_at
@@ -35,7 +35,7 @@ from camnet.batch.state import State, state_at
 from camnet.batch.triples import turn
 from camnet.estimation.concurrent_learning import switching
 from camnet.estimation.observation import LOST_PERIODS
-from camnet.estimation.radius import BLIND_SHARE, MARGIN, MEMORY, REMEMBERED_GAPS
+from camnet.estimation.radius import MEMORY, REMEMBERED_GAPS
 from camnet.estimation.road_prior import offset_of
 from camnet.geometry.triples import Quaternion, Triple, multiply
 from camnet.types import Array, IntArray
@@ -104,66 +104,9 @@ def _keep(
 
 
 @inner
-def _refresh_prior(f: Frozen, e: int, m: int) -> None:
-    """Fit the present motion to the poses of the sighting, if there are enough and it is due."""
-    held, next_ = f.held[e, m, 0], f.held[e, m, 1]
-    if f.held[e, m, 2] == 0 or 3 * held < f.samples or held < 3:
-        return
-    f.held[e, m, 2] = 0
-    last = next_ + f.samples
-    rows = f.history[e, m, last - held : last]
-    if not rows[held - 1, 0] > rows[0, 0]:
-        return
-    fit_motion(rows, held, rows[held - 1, 0], f.fitted[e, m])
-    for i in range(6):
-        f.pose[e, m, 8 + i] = f.fitted[e, m, 7 + i]
-
-
-@inner
-def _remember(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
-    """Note the measured pose for the next fit."""
-    size, at = f.samples, f.held[e, m, 1]
-    for row in (at, at + size):
-        f.history[e, m, row, 0] = t_s
-        for i in range(7):
-            f.history[e, m, row, 1 + i] = state.measured[e, m, i]
-    f.held[e, m, 0] = min(f.held[e, m, 0] + 1, size)
-    f.held[e, m, 1] = at + 1 if at + 1 < size else 0
-    f.held[e, m, 2] = 1
-
-
-@inner
-def _memory(f: Frozen, state: State, e: int, m: int) -> int:
-    """Which of the target's models is in force: one a region, or one for all."""
-    return f.model_of[m, int(state.estimate[e, m, 15])] - f.model_of[m, 0]
-
-
-@inner
-def _growth(f: Frozen, state: State, e: int, m: int) -> float:
-    """Growth of the error radius while unseen, m/s: `ErrorRadius.growth`."""
-    r = _memory(f, state, e, m)
-    count = int(f.rates[e, m, r, REMEMBERED_GAPS])
-    if count == 0:
-        s = state.estimate
-        return BLIND_SHARE * math.sqrt(s[e, m, 7] ** 2 + s[e, m, 8] ** 2 + s[e, m, 9] ** 2)
-    worst = 0.0
-    for i in range(min(count, REMEMBERED_GAPS)):
-        worst = max(worst, f.rates[e, m, r, i])
-    return MARGIN * worst
-
-
-@inner
-def _set_radius(f: Frozen, state: State, e: int, m: int) -> None:
-    r, s = _memory(f, state, e, m), state.estimate
-    since = max(0.0, f.pose[e, m, 0] - s[e, m, 14])
-    growth = _growth(f, state, e, m) if since > 0.0 else 0.0
-    s[e, m, 16] = 3.0 * math.sqrt(f.square[e, m, r]) + growth * since
-
-
-@inner
 def _lose(f: Frozen, state: State, e: int, m: int) -> None:
     """Note that the target has become unseen, and how it left."""
-    _refresh_prior(f, e, m)
+    refresh_prior(f, e, m)
     _road_offset(f, state, e, m)
     state.estimate[e, m, 13] = 0.0
 
@@ -174,11 +117,11 @@ def _resight(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) 
     s, z = state.estimate, state.measured
     if s[e, m, 13] > 0.0 and t_s - s[e, m, 14] > LOST_PERIODS * model.sense_dt_s:
         _lose(f, state, e, m)
-    _refresh_prior(f, e, m)
+    refresh_prior(f, e, m)
     without_gap = s[e, m, 13] > 0.0
     _advance(f, state, e, m, t_s)
     f.held[e, m, 0] = 0
-    duration, r = t_s - s[e, m, 14], _memory(f, state, e, m)
+    duration, r = t_s - s[e, m, 14], model_in_force(f, state, e, m)
     if not without_gap and duration > 0.0:
         miss = 0.0
         for i in range(3):
@@ -208,10 +151,10 @@ def _restart_pose(f: Frozen, state: State, e: int, m: int, t_s: float) -> None:
 @inner
 def _follow(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) -> None:
     """In view, (3-8), (4-16): the model's rates at the measured pose, then the feedback."""
-    z, pose, r = state.measured, f.pose, _memory(f, state, e, m)
+    z, pose, r = state.measured, f.pose, model_in_force(f, state, e, m)
     answer = learned(f, f.model_of[m, 0] + r, z[e, m, 0], z[e, m, 1])
     if 1.0 - answer[6] > _PRIOR_MATTERS:
-        _refresh_prior(f, e, m)
+        refresh_prior(f, e, m)
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
     v, w, _ = blended(answer, pv, (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13]), f.prior > 0)
     dt = t_s - pose[e, m, 0]
@@ -260,7 +203,7 @@ def update(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) ->
             _lose(f, state, e, m)
             f.held[e, m, 0] = 0
         elif s[e, m, 13] > 0.0:
-            _refresh_prior(f, e, m)
+            refresh_prior(f, e, m)
         _advance(f, state, e, m, t_s)
     else:
         if s[e, m, 15] < 0.0:
@@ -270,14 +213,14 @@ def update(f: Frozen, model: Model, state: State, e: int, m: int, t_s: float) ->
         else:
             _follow(f, model, state, e, m, t_s)
         s[e, m, 13], s[e, m, 14], s[e, m, 15] = 1.0, t_s, region
-        _remember(f, state, e, m, t_s)
-    _set_radius(f, state, e, m)
+        remember(f, state, e, m, t_s)
+    set_radius(f, state, e, m)
 
 
 @inner
 def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array) -> None:
     """Write the predicted points and error radii (K, 4) to ``path``; those within a step lie on its chord."""
-    _refresh_prior(f, e, m)
+    refresh_prior(f, e, m)
     pose, dt = f.pose, model.rollout_dt_s
     k = f.model_of[m, int(state.estimate[e, m, 15])]
     stride, substeps = f.strides
@@ -287,7 +230,7 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
     begin = p
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
     pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
-    growth, offset = _growth(f, state, e, m), _road_offset(f, state, e, m)
+    per_s, offset = growth_rate(f, state, e, m), _road_offset(f, state, e, m)
     for i in range(path.shape[0]):
         if i % stride == 0:
             begin = p
@@ -296,7 +239,7 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
         gone = (i % stride + 1.0) / stride
         for j in range(3):
             path[i, j] = begin[j] + gone * (p[j] - begin[j])
-        path[i, 3] = state.estimate[e, m, 16] + growth * dt * (i + 1)
+        path[i, 3] = state.estimate[e, m, 16] + per_s * dt * (i + 1)
 
 
 @inner

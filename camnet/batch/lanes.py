@@ -12,21 +12,9 @@ from __future__ import annotations
 
 import math
 
-from camnet.batch.body import (
-    Constants,
-    aim_thrust,
-    between,
-    camera_at,
-    gimbal_goals,
-    joint,
-    lag_rotor,
-    push,
-    shifted,
-    spun,
-    spun_up,
-    turned,
-)
+from camnet.batch.body import aim_thrust, lag_rotor, push, shifted, spun, spun_up
 from camnet.batch.compiled import inlined, inner
+from camnet.batch.gimbal import Constants, between, camera_at, gimbal_goals, joint, turned
 from camnet.batch.lane_layout import (
     AFTER,
     AXIS,

@@ -16,10 +16,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.batch.body import camera_of
 from camnet.batch.book import after_control, after_sense, collided, reward_of
 from camnet.batch.compiled import inner
 from camnet.batch.flight import fly_agents, load, missed, store
+from camnet.batch.gimbal import camera_of
 from camnet.batch.lane_layout import LANES
 from camnet.batch.motion import step_target
 from camnet.batch.network import CYLINDER, Model

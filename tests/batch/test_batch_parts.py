@@ -9,7 +9,8 @@ import pytest
 from numba import njit
 
 from camnet.batch import lane_layout, lane_references, lanes, triples
-from camnet.batch.body import camera_of, fly
+from camnet.batch.body import fly
+from camnet.batch.gimbal import camera_of
 from camnet.batch.motion import pack_targets, step_target
 from camnet.batch.random import normal, stream_of, uniform
 from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
