@@ -56,6 +56,19 @@ def _in_turn(method: Callable[..., Any]) -> Callable[..., Any]:
     return locked
 
 
+def _or_nothing(method: Callable[..., dict[Any, str]]) -> Callable[..., dict[Any, str]]:
+    """Read an index; one that cannot be read, as it names a class that is elsewhere now, counts as none."""
+
+    def read(self: Any) -> dict[Any, str]:  # noqa: ANN401 - of Numba's inside
+        try:
+            return method(self)
+        except Exception:
+            _LOG.debug("%s cannot be read and is written anew", self._index_path, exc_info=True)
+            return {}
+
+    return read
+
+
 def take_turns() -> None:
     """Let this process take turns with others in reading and writing compiled kernels; called once, on import."""
     if fcntl is not None:
@@ -99,6 +112,7 @@ def notice_changes() -> None:
         _stamped(_Kernel.save_overload),
     )
     _Kernel._index_key = _with_fields(_Kernel._index_key)
+    _Cache._load_index = _or_nothing(_Cache._load_index)
 
 
 def announce(kernel: Any, what: str) -> None:  # noqa: ANN401 - a compiled function

@@ -47,7 +47,7 @@ def inner(x):
 
 
 def make():
-    return 0
+    return Pair(a=1.0, b=2.0)
 '''
 
 
@@ -65,7 +65,7 @@ class Program:
             sys.modules.pop(name, None)
         importlib.invalidate_caches()
         main, now = (importlib.import_module(name) for name in ("kernels_main", "kernels_helper"))
-        value = main.outer(now.Pair(a=1.0, b=2.0), 3.0)
+        value = main.outer(now.make(), 3.0)
         return value, bool(main.outer.stats.cache_hits)
 
 
@@ -100,5 +100,17 @@ def test_a_change_in_another_file_is_compiled(program: Program, old: str, new: s
 
 
 def test_what_is_not_compiled_does_not_count(program: Program) -> None:
-    changed = _HELPER.replace('"""Deep."""', '"""Other words."""').replace("return 0", "return 1")
+    changed = _HELPER.replace('"""Deep."""', '"""Other words."""').replace("a=1.0", "a=0.5 + 0.5")
     assert program.run("# a comment\n" + changed) == (61.0, True)
+
+
+def test_an_index_that_names_a_class_that_is_gone_counts_as_none(program: Program) -> None:
+    assert program.run(_HELPER.replace("Pair", "Couple")) == (61.0, False)
+    assert program.run(_HELPER.replace("Pair", "Couple")) == (61.0, True)
+
+
+def test_an_index_that_is_cut_short_counts_as_none(program: Program) -> None:
+    (index,) = program.folder.glob("cache/**/*.nbi")
+    index.write_bytes(index.read_bytes()[:-20])
+    assert program.run(_HELPER) == (61.0, False)
+    assert program.run(_HELPER) == (61.0, True)
