@@ -3,5 +3,5 @@
 import os as _os
 
 # Between two calls torch's threads keep the processors busy with waiting, unless they are told to sleep before torch
-# is imported. A run then takes a seventh longer on a free machine, and 0.6 times as long beside one other process.
+# is imported. Beside one other process on two cores a run then takes 0.6 of the time.
 _os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
