@@ -6,7 +6,7 @@ turns, folder by folder; where the system has no such locks, all is as Numba has
 
 Numba takes code from the disk until the kernel's own file changes. Here it also has to be the same code that the kernel
 calls, constants that it reads and fields of the named tuples that it takes, wherever they are written
-(`camnet.geometry.kernel_source`).
+(`camnet.geometry.kernel_source`). Kernels that call nothing of this package are left to Numba.
 """
 
 from __future__ import annotations
@@ -75,23 +75,20 @@ def take_turns() -> None:
         _Cache.save, _Cache.load = _in_turn(_Cache.save), _in_turn(_Cache.load)
 
 
-def _stamp(kernel: Any) -> None:  # noqa: ANN401 - of Numba's inside
-    """Let the stamp that code on disk must bear tell all that the kernel is made of, not its file's time alone."""
-    file = kernel._cache_file
-    if isinstance(file._source_stamp, _Stamp):
-        return  # not on import: names may be bound further down in the file
-    file._source_stamp = _Stamp((file._source_stamp, source_digest(kernel._py_func)))
-
-
-class _Stamp(tuple[Any, str]):
-    """Numba's stamp and the digest of what the kernel is made of."""
-
-    __slots__ = ()
+def _digest(kernel: Any) -> str | None:  # noqa: ANN401 - of Numba's inside
+    """Digest of all that the kernel is made of, which its code on disk must bear besides Numba's stamp."""
+    if not hasattr(kernel, "_camnet_digest"):  # not on import: names may be bound further down in the file
+        digest = kernel._camnet_digest = source_digest(kernel._py_func, "camnet")
+        file = kernel._cache_file
+        if digest is not None:
+            file._source_stamp = (file._source_stamp, digest)
+    of: str | None = kernel._camnet_digest
+    return of
 
 
 def _stamped(method: Callable[..., Any]) -> Callable[..., Any]:
     def stamped(self: Any, *arguments: Any) -> Any:  # noqa: ANN401 - of Numba's inside
-        _stamp(self)
+        _digest(self)
         return method(self, *arguments)
 
     return stamped
@@ -99,8 +96,10 @@ def _stamped(method: Callable[..., Any]) -> Callable[..., Any]:
 
 def _with_fields(method: Callable[..., Any]) -> Callable[..., Any]:
     def keyed(self: Any, signature: Any, codegen: Any) -> Any:  # noqa: ANN401 - of Numba's inside
-        arguments = getattr(signature, "args", signature)
-        return (*method(self, signature, codegen), tuple(fields_of(of) for of in arguments))
+        key = method(self, signature, codegen)
+        if _digest(self) is None:
+            return key
+        return (*key, tuple(fields_of(of) for of in getattr(signature, "args", signature)))
 
     return keyed
 
@@ -120,6 +119,6 @@ def announce(kernel: Any, what: str) -> None:  # noqa: ANN401 - a compiled funct
     cache = kernel._cache
     if kernel.signatures or not hasattr(cache, "_cache_file"):
         return
-    _stamp(cache)
+    _digest(cache)
     if not cache._cache_file._load_index():
         _LOG.warning("compiling %s; this takes a minute or two, once on this machine", what)

@@ -37,27 +37,31 @@ extending: Any = _extending
 _VALUES = (bool, int, float, complex, str, bytes, type(None), np.generic)
 
 
-def source_digest(function: FunctionType) -> str:
+def source_digest(function: FunctionType, package: str) -> str | None:
     """Digest of a function that is compiled, and of all that it calls and reads.
 
     Parameters
     ----------
     function : the Python function, ``py_func`` of a compiled one
+    package : name of a package
 
     Returns
     -------
-    str
+    str or None
         The same for the same code in every process; another one once anything that is compiled into it has changed.
+        None if neither the function nor any that it calls is of ``package``.
     """
     found, waiting = {function}, [function]
     total = hashlib.sha256()
     for current in waiting:
         text, calls = _direct(current)
         total.update(text)
-        fresh = [f for f in calls if f not in found]
+        fresh = [f for f in dict.fromkeys(calls) if f not in found]
         found.update(fresh)
-        waiting.extend(dict.fromkeys(fresh))
-    return total.hexdigest()
+        waiting.extend(fresh)
+    if any(f.__module__.split(".")[0] == package for f in found):
+        return total.hexdigest()
+    return None
 
 
 def fields_of(of: Any) -> tuple[Any, ...]:  # noqa: ANN401 - one of Numba's types

@@ -23,6 +23,7 @@ def outer(pair, x):
 """
 _HELPER = '''
 from typing import NamedTuple
+from camnet.geometry.triples import size
 from numba import njit
 
 SCALE, SHIFT, POWER = 2.0, 0.0, 10.0
@@ -38,7 +39,7 @@ class Pair(NamedTuple):
 @njit
 def deep(x):
     """Deep."""
-    return x * POWER
+    return x * POWER * size(1.0, 0.0, 0.0)
 
 
 @njit
@@ -114,3 +115,9 @@ def test_an_index_that_is_cut_short_counts_as_none(program: Program) -> None:
     index.write_bytes(index.read_bytes()[:-20])
     assert program.run(_HELPER) == (61.0, False)
     assert program.run(_HELPER) == (61.0, True)
+
+
+def test_kernels_without_code_of_this_package_are_left_to_numba(program: Program) -> None:
+    foreign = _HELPER.replace(" * size(1.0, 0.0, 0.0)", "")
+    assert program.run(foreign) == (61.0, False)
+    assert program.run(foreign.replace("x * POWER", "x * POWER + 1.0")) == (61.0, True)
