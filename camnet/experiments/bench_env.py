@@ -8,9 +8,11 @@ measured where they are installed.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -88,7 +90,7 @@ def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[
     report(0.8)
     scaling = [_scaled(environments, seed, held) for environments in _SIZES]
     report(0.9)
-    peers = {name: rate for name, measure in _PEERS.items() if (rate := measure(seed)) is not None}
+    peers = _measure_peers(seed)
     report(1.0)
     main = {key: batch["frozen"]["all_threads"][key] for key in ("env_steps_per_s", "batch", "threads")}
     return {
@@ -206,6 +208,12 @@ def _velocity_aviary(seed: int) -> float | None:
     rate = _timed(lambda: env.step(action), 200)
     env.close()
     return rate
+
+
+def _measure_peers(seed: int) -> dict[str, float]:
+    """Return steps a second of each peer that is installed; what a peer prints goes to standard error."""
+    with contextlib.redirect_stdout(sys.stderr):
+        return {name: rate for name, measure in _PEERS.items() if (rate := measure(seed)) is not None}
 
 
 _PEERS: dict[str, Callable[[int], float | None]] = {
