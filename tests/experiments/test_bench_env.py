@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from camnet.experiments import bench_env
 
 
 def _talkative(seed: int) -> float:
-    print("a peer's greeting")
+    sys.stdout.write("a peer's greeting\n")
     return 2.0 + seed
 
 
