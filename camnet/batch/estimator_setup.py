@@ -20,7 +20,7 @@ from camnet.estimation.concurrent_learning import LAYER_SHARE, SWITCHING
 from camnet.estimation.gap import SUBSTEPS
 from camnet.estimation.propagate import COLUMNS, PRIORS
 from camnet.estimation.road_prior import RoadMap, map_of
-from camnet.estimation.settings import EstimatorSettings
+from camnet.estimation.settings import EstimatorSettings, checked_bounds
 from camnet.geometry.settings import Road
 from camnet.types import Array, IntArray
 
@@ -164,13 +164,7 @@ def build_setup(
         If a setting is one that the compiled rows do not have, or the numbers make no sense.
     """
     _refuse(settings)
-    bounds = np.array(tracking_bounds, dtype=float)
-    if bounds.shape != (2, 3) or not (bounds[0] < bounds[1]).all():
-        raise ConfigError(
-            f"tracking_bounds: {bounds.tolist()}, expected (2, 3), the lower row below the upper"
-        )
-    if n_regions < 1 or not rate_hz > 0.0:
-        raise ConfigError(f"n_regions {n_regions}, rate_hz {rate_hz}: both must be positive")
+    bounds = checked_bounds(tracking_bounds, n_regions, rate_hz)
     gap, stack, dt = settings.gap, settings.stack, 1.0 / rate_hz
     intervals = max(1, round(stack.window_s / dt))
     kernels, samples = pack_kernels(basis), intervals + min(stack.average, intervals)

@@ -35,7 +35,7 @@ from camnet.estimation.pace import scaled
 from camnet.estimation.propagate import COLUMNS, PRIORS, TWIST_OUTPUTS, UNIT, advance, model_twist, roll_out
 from camnet.estimation.protocol import Rollout
 from camnet.estimation.road_prior import map_of, offset_of
-from camnet.estimation.settings import EstimatorSettings
+from camnet.estimation.settings import EstimatorSettings, checked_bounds
 from camnet.geometry.rotations_compiled import align_sign
 from camnet.geometry.settings import Road
 from camnet.types import Array, CameraMotion, PoseMeasurement, TargetEstimate
@@ -83,13 +83,7 @@ class LearningEstimator:
         memories: Sequence[RegionMemory] | None = None,
         roads: Sequence[Road] = (),
     ) -> None:
-        bounds = np.array(tracking_bounds, dtype=float)
-        if bounds.shape != (2, 3) or not (bounds[0] < bounds[1]).all():
-            raise ConfigError(
-                f"tracking_bounds: {bounds.tolist()}, expected (2, 3), the lower row below the upper"
-            )
-        if n_regions < 1 or not rate_hz > 0.0:
-            raise ConfigError(f"n_regions {n_regions}, rate_hz {rate_hz}: both must be positive")
+        bounds = checked_bounds(tracking_bounds, n_regions, rate_hz)
         if settings.frame == "relative" and settings.form == "stacked":
             raise ConfigError(
                 "estimator.frame 'relative' with form 'stacked': with a turning camera the rates of the relative "

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
+from camnet.errors import ConfigError
 from camnet.settings import Fraction, NonNegative, Positive, Settings
+from camnet.types import Array
 
 __all__ = [
     "AdateFilterSettings",
@@ -15,6 +18,7 @@ __all__ = [
     "EstimatorSettings",
     "GapSettings",
     "StackSettings",
+    "checked_bounds",
 ]
 
 
@@ -139,3 +143,21 @@ class EstimatorSettings(Settings):
     gap: GapSettings = GapSettings()
     ekf: EkfSettings = EkfSettings()
     adate: AdateFilterSettings = AdateFilterSettings()
+
+
+def checked_bounds(tracking_bounds: Array, n_regions: int, rate_hz: float) -> Array:
+    """Box (2, 3) that targets stay in, m, world frame: the lower corner, then the upper.
+
+    Raises
+    ------
+    ConfigError
+        If it is no such box, or the number of regions or the rate of measurements, Hz, is not positive.
+    """
+    bounds = np.array(tracking_bounds, dtype=float)
+    if bounds.shape != (2, 3) or not (bounds[0] < bounds[1]).all():
+        raise ConfigError(
+            f"tracking_bounds: {bounds.tolist()}, expected (2, 3), the lower row below the upper"
+        )
+    if n_regions < 1 or not rate_hz > 0.0:
+        raise ConfigError(f"n_regions {n_regions}, rate_hz {rate_hz}: both must be positive")
+    return bounds
