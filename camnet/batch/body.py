@@ -1,10 +1,9 @@
 """Flight of one quadrotor with its gimbal for a control period: inner loop, rotors, air, rigid body, all in registers.
 
 The inner loop is that of `camnet.control.quadrotor` (whose compiled form works on arrays, all agents at once), the
-rigid body that of Bullet's multi-body base without joints (Bullet 3, ``btMultiBody``): semi-implicit Euler,
-
-The inner loop runs once in ``substeps`` physics steps, the force and torque it makes are held meanwhile; rotors and
-gimbal follow at the physics rate.
+rigid body that of Bullet's multi-body base without joints (Bullet 3, ``btMultiBody``). The inner loop runs once in
+``substeps`` physics steps, the force and torque it makes are held meanwhile; rotors and gimbal follow at the physics
+rate. Semi-implicit Euler:
 
     v+ = v + dt (F / m + g)          w+ = w + dt R J^-1 (tau - w_b x J w_b)          gyroscopic term explicit
     p+ = p + dt v+                   q+ = exp(dt w+ / 2) q, normalised               with the new velocities
@@ -44,7 +43,7 @@ from camnet.geometry.triples import (
 )
 from camnet.types import Array
 
-__all__ = ["Constants", "fly"]
+__all__ = ["fly"]
 
 _FourRotors = tuple[float, float, float, float]
 

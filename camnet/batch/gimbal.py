@@ -1,7 +1,8 @@
 """The gimbal of one quadrotor, and its camera: joints after a period, pose and velocities of the camera.
 
 The gimbal is that of `camnet.control.gimbal`: yaw, then pan, then tilt, the camera looking straight down at rest; the
-arrays' rows are those of `camnet.batch.body`.
+arrays' rows and ``c`` are those of `camnet.batch.body`. Angles in rad, rates in rad/s; an angle that is turned by many
+small steps is kept as (cosine, sine).
 """
 
 from __future__ import annotations
@@ -30,7 +31,10 @@ def joint(angle: float, rate: float, goal: float, c: Constants) -> tuple[float, 
 def gimbal_goals(
     yaw: tuple[float, float], pan: tuple[float, float], tilt: tuple[float, float], u: Triple, w: Triple
 ) -> Triple:
-    """Joint rates that turn the camera as commanded, given the joints' (cosine, sine) and the body's rate."""
+    """Joint rates that turn the camera at ``u`` (camera frame) while the body turns at ``w`` (body frame).
+
+    The joints are given as (cosine, sine); `camnet.control.gimbal.joint_rates` has the same for angles, on arrays.
+    """
     c0, s0 = yaw
     c1, s1 = pan
     c2, s2 = tilt
@@ -59,7 +63,10 @@ def between(a: Triple, b: Triple, share: float) -> Triple:
 def turn_gimbal(
     joints: Triple, rates: Triple, u: Triple, w0: Triple, w1: Triple, c: Constants
 ) -> tuple[Triple, Triple]:
-    """Joints and rates after a period in which the body's angular velocity went from ``w0`` to ``w1``."""
+    """Joints and rates after a period in which the body's angular velocity (body frame) went from ``w0`` to ``w1``.
+
+    ``u`` is the camera's commanded angular velocity in its own frame.
+    """
     substeps = int(c[26])
     yaw, pan, tilt = cosine_and_sine(joints[0]), cosine_and_sine(joints[1]), cosine_and_sine(joints[2])
     for k in range(substeps):

@@ -8,8 +8,8 @@ same from call to call is pinned once, and its address handed over instead:
     kernel(pinned.at, ...)                 # ``cockpit = COCKPIT.of(at)`` inside, then ``cockpit.bodies`` as usual
 
 The arrays' elements are read and written in place. Whoever replaces an array has to pin again. A header guards against
-compiled code that was made for another layout: Numba's cache on disk does not notice when a named tuple that is defined
-in another file has changed. ``call_compiled`` compiles such code anew.
+compiled code that was made for another layout: an address does not tell what it points at, so code on disk cannot be
+told apart by it (`camnet.geometry.kernel_source`). ``call_compiled`` compiles such code anew.
 """
 
 from __future__ import annotations
