@@ -1,4 +1,4 @@
-"""What is counted while environments run: handoffs, view time, errors, collisions, control; and the reward.
+"""What is counted while environments run: handoffs, view time, errors, control; and the reward.
 
 The rules are those of `camnet.simulation.handoff`, `camnet.simulation.statistics` and ``camnet.env.rewards``, which
 are the oracles. Columns of ``count``, ``track`` and ``clock`` are named in `camnet.batch.state`.
@@ -13,7 +13,6 @@ from camnet.batch.network import Model
 from camnet.batch.sense import contains
 from camnet.batch.state import (
     ATTEMPTED,
-    COLLISIONS,
     COMPLETED,
     DELAYED,
     DELAYS,
@@ -34,8 +33,9 @@ from camnet.batch.state import (
     WAS_SEEN,
     State,
 )
+from camnet.batch.touch import collided
 from camnet.geometry.spacing import least_distance
-from camnet.geometry.triples import Quaternion, multiply, rotate, rotate_inverse
+from camnet.geometry.triples import multiply
 from camnet.types import Array
 
 __all__ = ["after_control", "after_sense", "reward_of"]
@@ -167,110 +167,10 @@ def after_sense(model: Model, state: State, e: int, t_s: float) -> None:
 
 
 @inner
-def _axis_of(state: State, e: int, n: int) -> tuple[float, float, float]:
-    """Return the body's z axis."""
-    b = state.bodies
-    return rotate((b[e, n, 6], b[e, n, 3], b[e, n, 4], b[e, n, 5]), (0.0, 0.0, 1.0))
-
-
-@inner
-def _half_width(model: Model, along: float) -> float:
-    """Half the extent of an agent's cylinder along a unit vector that makes the cosine ``along`` with its axis."""
-    return 0.5 * model.body[1] * abs(along) + model.body[0] * math.sqrt(max(1.0 - along * along, 0.0))
-
-
-@inner
-def _touches_target(model: Model, state: State, e: int, n: int, m: int) -> bool:
-    """Whether an agent's cylinder meets a target's box: no axis of theirs, nor the line between, separates them."""
-    t, b = state.target, state.bodies
-    hx, hy, hz = 0.5 * model.sizes[m, 0], 0.5 * model.sizes[m, 1], 0.5 * model.sizes[m, 2]
-    away = (b[e, n, 0] - t[e, m, 0], b[e, n, 1] - t[e, m, 1], b[e, n, 2] - t[e, m, 2])
-    far = hx + hy + 2.0 * hz + model.body[0] + model.body[1]
-    if away[0] * away[0] + away[1] * away[1] + away[2] * away[2] > far * far:
-        return False
-    q: Quaternion = (t[e, m, 3], t[e, m, 4], t[e, m, 5], t[e, m, 6])
-    x, y, z = rotate_inverse(q, away)
-    z -= hz
-    a = rotate_inverse(q, _axis_of(state, e, n))
-    if (
-        abs(x) > hx + _half_width(model, a[0])
-        or abs(y) > hy + _half_width(model, a[1])
-        or abs(z) > hz + _half_width(model, a[2])
-    ):
-        return False
-    reach = hx * abs(a[0]) + hy * abs(a[1]) + hz * abs(a[2])
-    if abs(x * a[0] + y * a[1] + z * a[2]) > reach + 0.5 * model.body[1]:
-        return False
-    # from the nearest point of the box to the agent's middle
-    ux, uy, uz = x - min(max(x, -hx), hx), y - min(max(y, -hy), hy), z - min(max(z, -hz), hz)
-    length = math.sqrt(ux * ux + uy * uy + uz * uz)
-    if length < 1e-9:
-        return True
-    return length <= _half_width(model, (ux * a[0] + uy * a[1] + uz * a[2]) / length)
-
-
-@inner
-def _touches_agent(model: Model, state: State, e: int, n: int, k: int) -> bool:
-    """Whether two agents' cylinders meet: neither axis nor the line between their middles separates them."""
-    b = state.bodies
-    x, y, z = b[e, n, 0] - b[e, k, 0], b[e, n, 1] - b[e, k, 1], b[e, n, 2] - b[e, k, 2]
-    square = x * x + y * y + z * z
-    if square > 4.0 * (model.body[0] ** 2 + 0.25 * model.body[1] ** 2):
-        return False
-    length = math.sqrt(square)
-    if length < 1e-9:
-        return True
-    a, c = _axis_of(state, e, n), _axis_of(state, e, k)
-    along_a, along_c = (x * a[0] + y * a[1] + z * a[2]), (x * c[0] + y * c[1] + z * c[2])
-    both = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
-    half = 0.5 * model.body[1]
-    return (
-        length <= _half_width(model, along_a / length) + _half_width(model, along_c / length)
-        and abs(along_a) <= half + _half_width(model, both)
-        and abs(along_c) <= half + _half_width(model, both)
-    )
-
-
-@inner
-def _touches_ground(model: Model, state: State, e: int, n: int) -> bool:
-    height = state.bodies[e, n, 2]
-    if height > model.body[0] + model.body[1]:
-        return False
-    return height <= _half_width(model, _axis_of(state, e, n)[2])
-
-
-@inner
-def _note(state: State, e: int, n: int, k: int, touching: bool) -> None:
-    """Note a pair; a collision counts once, when it starts."""
-    if touching and state.touching[e, n, k] == 0:
-        state.count[e, COLLISIONS] += 1.0
-    state.touching[e, n, k] = 1 if touching else 0
-
-
-@inner
-def after_control(model: Model, state: State, e: int, errors: float) -> None:
-    """Count touches, effort and the references' squared errors; `RunStatistics.after_control`."""
-    agents, targets, b = state.bodies.shape[1], state.target.shape[1], state.bodies
-    effort = 0.0
-    for n in range(agents):
-        effort += b[e, n, 7] ** 2 + b[e, n, 8] ** 2 + b[e, n, 9] ** 2
-        for k in range(n):
-            _note(state, e, n, k, _touches_agent(model, state, e, n, k))
-        _note(state, e, n, agents, _touches_ground(model, state, e, n))
-        for m in range(targets):
-            _note(state, e, n, agents + 1 + m, _touches_target(model, state, e, n, m))
+def after_control(model: Model, state: State, e: int, effort: float, errors: float) -> None:
+    """Add up squared speeds and squared errors of the references; `RunStatistics.after_control`."""
     state.count[e, EFFORT] += model.dt_s * effort
     state.count[e, TRACKING + 1] += errors
-
-
-@inner
-def collided(state: State, e: int) -> bool:
-    """Whether anything touches now."""
-    for n in range(state.touching.shape[1]):
-        for k in range(state.touching.shape[2]):
-            if state.touching[e, n, k] == 1:
-                return True
-    return False
 
 
 @inner

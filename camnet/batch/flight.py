@@ -14,10 +14,12 @@ from camnet.batch.lane_layout import (
     LANES,
     LOOK,
     MOTION,
+    NEAR,
     SETPOINT,
     WIND,
     A,
     U,
+    V,
     get,
     get_pair,
     load_flight,
@@ -33,9 +35,10 @@ from camnet.batch.network import Model
 from camnet.batch.random import normal
 from camnet.batch.reference import position_step
 from camnet.batch.state import State
+from camnet.batch.touch import collided
 from camnet.types import Array, IntArray
 
-__all__ = ["fly_agents", "load", "missed", "store"]
+__all__ = ["fly_agents", "load", "show_agents", "store", "sums"]
 
 
 @inner
@@ -60,6 +63,7 @@ def load(state: State, lanes: Array, e: int) -> None:
         load_plan(x, lane, state.motion, state.setpoint, e, n)
     for b in range(lanes.shape[0]):
         note_joints(lanes[b])
+    lanes[0, NEAR * LANES] = 1.0 if collided(state, e) else 0.0
 
 
 @inner
@@ -142,25 +146,41 @@ def _fly(model: Model, state: State, block: IntArray) -> None:
 
 @inner
 def _go_on(model: Model, state: State, block: IntArray) -> None:
-    """Move the references on, and show where the agents are."""
+    """Move the references on."""
     agents = state.bodies.shape[1]
     for k in range(block.shape[0]):
         for b in range(state.lanes.shape[1]):
             x = state.lanes[k, b]
             if not follow_lanes(x, model.margin, model.limits, model.gaze_limits, model.dt_s):
                 _brake(model, agents, b, x)
-            for i in range(min(LANES, agents - LANES * b)):
-                show(x, i, state.bodies, state.cameras, block[k], LANES * b + i)
 
 
 @inner
-def missed(state: State, k: int) -> float:
-    """Sum of the squared errors of the references of the block's ``k``-th environment at the beginning, m^2."""
-    agents, errors = state.bodies.shape[1], 0.0
+def show_agents(state: State, k: int, e: int) -> None:
+    """Show where the agents of the block's ``k``-th environment ``e`` are."""
+    agents = state.bodies.shape[1]
     for b in range(state.lanes.shape[1]):
+        first = LANES * b
+        show(state.lanes[k, b], min(LANES, agents - first), state.bodies, state.cameras, e, first)
+
+
+@inner
+def sums(state: State, k: int) -> tuple[float, float]:
+    """Sum over the agents of the block's ``k``-th environment.
+
+    Returns
+    -------
+    effort : of the squared speeds now, m^2/s^2
+    errors : of the squared errors of the references when the period began, m^2
+    """
+    agents, effort, errors = state.bodies.shape[1], 0.0, 0.0
+    for b in range(state.lanes.shape[1]):
+        x = state.lanes[k, b]
         for i in range(min(LANES, agents - LANES * b)):
-            errors += state.lanes[k, b, ERROR * LANES + i]
-    return errors
+            v = get(x, V, i)
+            effort += v[0] ** 2 + v[1] ** 2 + v[2] ** 2
+            errors += x[ERROR * LANES + i]
+    return effort, errors
 
 
 @inner

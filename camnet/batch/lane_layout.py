@@ -17,6 +17,7 @@ __all__ = [
     "BLOCK",
     "LANES",
     "build_lanes",
+    "lanes_of",
     "load_flight",
     "load_plan",
     "on_cache_lines",
@@ -55,7 +56,11 @@ NEXT, STOP, GENTLE_STOP, DEPTHS, ALLOWED = 141, 150, 153, 156, 160
 ERROR = 161
 #: lowest and highest corner of the region
 LOW, HIGH = 162, 165
-ROWS = 168
+#: places twice over, x, y, z; how far aside lanes without an agent are put there; whether anything may have touched
+PLACES, ASIDE, NEAR = 168, 174, 175
+ROWS = 176
+#: see ``ASIDE``: m, from lane to lane
+_FAR_M = 1e6
 
 
 def on_cache_lines(values: Array) -> Array:
@@ -76,7 +81,18 @@ def build_lanes(n_agents: int, yaw: Array, half_yaw: Array, boxes: Array, discs:
         x[b, HEADING : HEADING + 2, lane], x[b, HALF_YAW : HALF_YAW + 2, lane] = yaw[n], half_yaw[n]
         x[b, DISC : DISC + 3, lane], x[b, WIND : WIND + 3, lane] = discs[n], wind
         x[b, LOW : LOW + 3, lane], x[b, HIGH : HIGH + 3, lane] = boxes[n]
+        x[b, ASIDE, lane] = _FAR_M * max(k - n_agents + 1, 0)
     return on_cache_lines(np.tile(x.reshape(blocks, -1), (BLOCK, 1, 1)))
+
+
+@inlined
+def lanes_of(x: Array, rows: int) -> int:
+    """Return how many lanes a workspace of so many rows has: `LANES`.
+
+    Loops of a known few rounds the compiler unrolls first, and what is short then becomes no vector instructions. For a
+    short loop, this is a number that it does not know.
+    """
+    return x.shape[0] // rows
 
 
 @inlined
@@ -139,10 +155,12 @@ def load_plan(x: Array, lane: int, motion: Array, setpoint: Array, e: int, n: in
 
 
 @inner
-def show(x: Array, lane: int, bodies: Array, cameras: Array, e: int, n: int) -> None:
-    """Take back what others look at: body and camera."""
-    for k in range(BODY):
-        bodies[e, n, k], cameras[e, n, k] = x[k * LANES + lane], x[(CAMERA + k) * LANES + lane]
+def show(x: Array, count: int, bodies: Array, cameras: Array, e: int, first: int) -> None:
+    """Take back what others look at: bodies and cameras of ``count`` agents from ``first`` on."""
+    for i in range(count):
+        for k in range(BODY):
+            bodies[e, first + i, k] = x[k * LANES + i]
+            cameras[e, first + i, k] = x[(CAMERA + k) * LANES + i]
 
 
 @inner

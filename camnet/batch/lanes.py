@@ -33,6 +33,7 @@ from camnet.batch.lane_layout import (
     LOOK,
     RATES,
     ROTORS,
+    ROWS,
     SAVED,
     SQUARES,
     TORQUE,
@@ -46,6 +47,7 @@ from camnet.batch.lane_layout import (
     get,
     get_four,
     get_pair,
+    lanes_of,
     orientation,
     put,
     put_four,
@@ -154,7 +156,7 @@ def _move(x: Array, dt: float, c: Constants) -> None:
 @inlined
 def _note_rates(x: Array) -> None:
     """Angular velocities of the bodies in the world after the period."""
-    for i in range(LANES):
+    for i in range(lanes_of(x, ROWS)):
         put(x, W, i, rotate(orientation(x, i), get(x, AFTER, i)))
 
 

@@ -16,17 +16,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.batch.book import after_control, after_sense, collided, reward_of
+from camnet.batch.book import after_control, after_sense, reward_of
 from camnet.batch.compiled import inner
-from camnet.batch.flight import fly_agents, load, missed, store
+from camnet.batch.flight import fly_agents, load, show_agents, store, sums
 from camnet.batch.gimbal import camera_of
 from camnet.batch.lane_layout import LANES
+from camnet.batch.lane_touches import may_touch
 from camnet.batch.motion import step_target
 from camnet.batch.network import CYLINDER, Model
 from camnet.batch.observe import observe
 from camnet.batch.sense import sense
 from camnet.batch.state import COUNT, CYCLE, RETURN, State
 from camnet.batch.target_lanes import in_lanes, step_loops
+from camnet.batch.touch import collided, note_touches
 from camnet.geometry.triples import Triple
 from camnet.types import Array, IntArray
 
@@ -116,8 +118,21 @@ def _fly_once(model: Model, state: State, block: IntArray) -> None:
     _step_targets(model, state, block)
     fly_agents(model, state, block)
     for k in range(block.shape[0]):
-        state.clock[block[k], COUNT] += 1.0
-        after_control(model, state, block[k], missed(state, k))
+        _end_period(model, state, k, block[k])
+
+
+@inner
+def _end_period(model: Model, state: State, k: int, e: int) -> None:
+    """Keep the books of a control period of the block's ``k``-th environment; show its agents if looked at."""
+    state.clock[e, COUNT] += 1.0
+    near = may_touch(model, state, k, e)
+    decided = int(state.clock[e, COUNT]) % model.decide_every == 0
+    if near or decided or frame_taken(model, state, e):
+        show_agents(state, k, e)
+    if near:
+        note_touches(model, state, e)
+    effort, errors = sums(state, k)
+    after_control(model, state, e, effort, errors)
 
 
 @inner

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from camnet.batch.compiled import inlined, inner
-from camnet.batch.lane_layout import LANES
+from camnet.batch.lane_layout import LANES, lanes_of
 from camnet.batch.target_field import (
     CLOSE_M,
     Limits,
@@ -144,10 +144,10 @@ def _ask(t: Targets, m: int, inner: Array, block: IntArray, first: int, x: Array
             x[FORWARD * LANES + i], x[TURN * LANES + i] = v, w
 
 
-@inlined
+@inner
 def _halfway(x: Array, dt: float) -> None:
     """Go half of the step at the speeds of its beginning; the pose stays the beginning's but for the heading."""
-    for i in range(LANES):
+    for i in range(lanes_of(x, ROWS)):
         v, theta = x[V * LANES + i], x[THETA * LANES + i]
         c, s = circle(theta)
         x[AT_X * LANES + i] = x[X * LANES + i] + 0.5 * dt * v * c
@@ -156,10 +156,10 @@ def _halfway(x: Array, dt: float) -> None:
         x[COS * LANES + i], x[SIN * LANES + i] = c, s
 
 
-@inlined
+@inner
 def _all_the_way(x: Array, dt: float) -> None:
     """Go the step at the speeds of its middle."""
-    for i in range(LANES):
+    for i in range(lanes_of(x, ROWS)):
         v, w = x[FORWARD * LANES + i], x[TURN * LANES + i]
         x[AT_X * LANES + i] = x[X * LANES + i] + dt * v * x[COS * LANES + i]
         x[AT_Y * LANES + i] = x[Y * LANES + i] + dt * v * x[SIN * LANES + i]
