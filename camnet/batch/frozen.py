@@ -226,20 +226,24 @@ def roll_out(f: Frozen, model: Model, state: State, e: int, m: int, path: Array)
     stride, substeps = f.strides
     h = dt * stride / substeps
     fade, share, _ = _shares(f, h)
+    per_stride = 1.0 / stride
     p = (pose[e, m, 1], pose[e, m, 2], pose[e, m, 3])
-    begin = p
     pv = (pose[e, m, 8], pose[e, m, 9], pose[e, m, 10])
     pw = (pose[e, m, 11], pose[e, m, 12], pose[e, m, 13])
-    per_s, offset = growth_rate(f, state, e, m), _road_offset(f, state, e, m)
-    for i in range(path.shape[0]):
-        if i % stride == 0:
-            begin = p
-            for _ in range(substeps):
-                p, _, _, pv, pw = midpoint(f, k, p, pv, pw, h, fade, share, offset)
-        gone = (i % stride + 1.0) / stride
-        for j in range(3):
-            path[i, j] = begin[j] + gone * (p[j] - begin[j])
-        path[i, 3] = state.estimate[e, m, 16] + per_s * dt * (i + 1)
+    radius, per_s, offset = (
+        state.estimate[e, m, 16],
+        growth_rate(f, state, e, m),
+        _road_offset(f, state, e, m),
+    )
+    for first in range(0, path.shape[0], stride):
+        begin = p
+        for _ in range(substeps):
+            p, _, _, pv, pw = midpoint(f, k, p, pv, pw, h, fade, share, offset)
+        for i in range(first, min(first + stride, path.shape[0])):
+            gone = per_stride * (i - first + 1.0)
+            for j in range(3):
+                path[i, j] = begin[j] + gone * (p[j] - begin[j])
+            path[i, 3] = radius + per_s * dt * (i + 1)
 
 
 @inner
