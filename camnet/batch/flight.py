@@ -16,6 +16,7 @@ from camnet.batch.lane_layout import (
     MOTION,
     NEAR,
     SETPOINT,
+    WILD,
     WIND,
     A,
     U,
@@ -30,7 +31,7 @@ from camnet.batch.lane_layout import (
     store_plan,
 )
 from camnet.batch.lane_references import ask_lanes, follow_lanes
-from camnet.batch.lanes import fly_lanes, note_joints
+from camnet.batch.lanes import carry_cameras, fly_lanes, note_joints
 from camnet.batch.network import Model
 from camnet.batch.random import normal
 from camnet.batch.reference import position_step
@@ -44,8 +45,6 @@ __all__ = ["fly_agents", "load", "show_agents", "store", "sums"]
 @inner
 def _air(model: Model, state: State, e: int) -> None:
     """Draw the next gusts: first-order Gauss-Markov, as in the flight of the PyBullet back end."""
-    if model.gust_std == 0.0:
-        return
     row = e * (2 + state.target.shape[1]) + 1
     kick = math.sqrt(1.0 - model.gust_keep * model.gust_keep) * model.gust_std
     for n in range(state.gust.shape[1]):
@@ -125,34 +124,44 @@ def _brake(model: Model, agents: int, b: int, x: Array) -> None:
 
 
 @inner
-def _command(model: Model, state: State, block: IntArray) -> None:
-    """Let the air blow, and command what brings the agents to their references."""
+def _blow_all(model: Model, state: State, block: IntArray) -> None:
+    """Let the air blow."""
     for k in range(block.shape[0]):
         _air(model, state, block[k])
         for b in range(state.lanes.shape[1]):
-            if model.gust_std > 0.0:
-                _blow(model, state, block[k], b, state.lanes[k, b])
-            ask_lanes(state.lanes[k, b], model.gains, model.switching)
+            _blow(model, state, block[k], b, state.lanes[k, b])
 
 
 @inner
-def _fly(model: Model, state: State, block: IntArray) -> None:
-    """Fly all agents for a control period."""
+def _fly_wild(model: Model, state: State, block: IntArray) -> None:
+    """Fly those agents that their workspaces cannot."""
     for k in range(block.shape[0]):
         for b in range(state.lanes.shape[1]):
-            if not fly_lanes(state.lanes[k, b], model.periods, model.constants, model.offset):
+            if state.lanes[k, b, WILD * LANES] > 0.0:
                 _fly_one_by_one(model, state, block[k], b, state.lanes[k, b])
 
 
 @inner
-def _go_on(model: Model, state: State, block: IntArray) -> None:
-    """Move the references on."""
-    agents = state.bodies.shape[1]
+def _brake_all(model: Model, state: State, block: IntArray) -> None:
+    """Move those references on that have to brake."""
     for k in range(block.shape[0]):
         for b in range(state.lanes.shape[1]):
-            x = state.lanes[k, b]
-            if not follow_lanes(x, model.margin, model.limits, model.gaze_limits, model.dt_s):
-                _brake(model, agents, b, x)
+            _brake(model, state.bodies.shape[1], b, state.lanes[k, b])
+
+
+@inner
+def fly_agents(model: Model, state: State, block: IntArray) -> None:
+    """Command the agents, fly them, and move their references on."""
+    lanes, count = state.lanes, block.shape[0]
+    if model.gust_std > 0.0:
+        _blow_all(model, state, block)
+    ask_lanes(lanes, count, model.gains, model.switching)
+    wild = fly_lanes(lanes, count, model.periods, model.constants)
+    carry_cameras(lanes, count, model.offset)
+    if wild > 0:
+        _fly_wild(model, state, block)
+    if follow_lanes(lanes, count, model.margin, model.limits, model.gaze_limits, model.dt_s) > 0:
+        _brake_all(model, state, block)
 
 
 @inner
@@ -181,11 +190,3 @@ def sums(state: State, k: int) -> tuple[float, float]:
             effort += v[0] ** 2 + v[1] ** 2 + v[2] ** 2
             errors += x[ERROR * LANES + i]
     return effort, errors
-
-
-@inner
-def fly_agents(model: Model, state: State, block: IntArray) -> None:
-    """Command the agents, fly them, and move their references on."""
-    _command(model, state, block)
-    _fly(model, state, block)
-    _go_on(model, state, block)

@@ -28,13 +28,11 @@ __all__ = [
 
 LANES = 4
 #: environments that fly side by side: each has workspaces of its own
-BLOCK = 16
+BLOCK = 32
 # a body and its memory, in their order: p, q (x y z w), v, w; rotors, gimbal angles and rates, integral, thrust axis
 P, Q, V, W = 0, 3, 7, 10
 ROTORS, JOINTS, RATES, INTEGRAL, AXIS, AXIS_RATE = 13, 17, 20, 23, 26, 29
 BODY, MEMORY = 13, 19
-#: rows that a flight changes and that a failed one gets back
-FLOWN = 32
 #: camera: p, q (w first), v, w
 CAMERA = 32
 #: reference: p, v, a, gaze, its rate; where it is to go: goal, gaze
@@ -42,23 +40,23 @@ MOTION, REFERENCE = 45, 13
 SETPOINT, ASKED = 58, 5
 # what is commanded: velocity, acceleration, angular velocity of the camera, heading (cosine, sine), wind
 U, A, LOOK, HEADING, WIND = 63, 66, 69, 72, 74
-# of one period: (cosine, sine) of the joints, gain of velocity; in the body's frame: torque, angular velocity at the
-# beginning and now
-CIRCLES, GAIN, TORQUE, BEFORE, AFTER = 77, 83, 86, 89, 92
-# speeds asked of the rotors, sums of their squares, largest square of an angular velocity
-GOALS, SQUARES, LARGEST = 95, 99, 103
-SAVED = 104
-# constants: half the heading (cosine, sine), disc of the region
-HALF_YAW, DISC = 136, 138
-# reference after the period; where it would stop, braking fully and gently; depths of all these in the region
-NEXT, STOP, GENTLE_STOP, DEPTHS, ALLOWED = 141, 150, 153, 156, 160
+# (cosine, sine) of the joints
+CIRCLES = 77
+# of one period: gain of velocity; in the body's frame: torque, angular velocity at the beginning and now; speeds asked
+# of the rotors, sums of their squares
+GAIN, TORQUE, BEFORE, AFTER, GOALS, SQUARES = 83, 86, 89, 92, 95, 99
+# after the flight, in the same rows: reference after the period; where it would stop, braking fully and gently; depths
+# of all these in the region; then places twice over, x, y, z
+NEXT, STOP, GENTLE_STOP, DEPTHS, PLACES = 83, 92, 95, 98, 83
+ALLOWED = 103
+# constants: half the heading (cosine, sine), disc of the region, its lowest and highest corner; how far aside lanes
+# without an agent are put among the places
+HALF_YAW, DISC, LOW, HIGH, ASIDE = 104, 106, 109, 112, 115
 #: square of the reference's error at the beginning of the period
-ERROR = 161
-#: lowest and highest corner of the region
-LOW, HIGH = 162, 165
-#: places twice over, x, y, z; how far aside lanes without an agent are put there; whether anything may have touched
-PLACES, ASIDE, NEAR = 168, 174, 175
-ROWS = 176
+ERROR = 116
+#: in the first lane: whether one turned too fast; whether anything of the environment may have touched
+WILD, NEAR = 117, 118
+ROWS = 119
 #: see ``ASIDE``: m, from lane to lane
 _FAR_M = 1e6
 

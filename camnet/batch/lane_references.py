@@ -52,7 +52,7 @@ def _switch(e: float, code: int, per_layer: float) -> float:
     return smooth if code == 2 else (straight if code == 1 else sign)
 
 
-@inner
+@inlined
 def _ask(x: Array, gains: Gains, code: int) -> None:
     """Command velocity and angular velocity of the cameras."""
     k1, d_l, d_a, per_layer = gains[0], gains[1], gains[2], 1.0 / gains[3]
@@ -83,9 +83,15 @@ def _ask(x: Array, gains: Gains, code: int) -> None:
 
 
 @inner
-def ask_lanes(x: Array, gains: Array, code: int) -> None:
-    """Command what brings the cameras to their references; ``gains`` and ``code`` as in `command_of`."""
-    _ask(x, (gains[0], gains[1], gains[2], gains[3]), code)
+def ask_lanes(lanes: Array, count: int, gains: Array, code: int) -> None:
+    """Command what brings cameras to their references, in the first ``count`` environments' workspaces.
+
+    ``lanes`` (count or more, B, 4 ROWS) change in place; ``gains`` and ``code`` as in `command_of`.
+    """
+    g = (gains[0], gains[1], gains[2], gains[3])
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            _ask(lanes[k, b], g, code)
 
 
 @inlined
@@ -123,7 +129,7 @@ def _any_cylinder(x: Array) -> bool:
     return widest > 0.0
 
 
-@inner
+@inlined
 def _want(x: Array, limits: Limits, dt: float) -> None:
     """Where references would be after the period, and where they could stop."""
     for i in range(LANES):
@@ -145,7 +151,7 @@ def _want(x: Array, limits: Limits, dt: float) -> None:
         x[(DEPTHS + 3) * LANES + i] = _depth(x, i, gentle_end)
 
 
-@inner
+@inlined
 def _go_on(x: Array, margin: float, limits: tuple[float, float, float], dt: float) -> None:
     """Move references that may, and all gazes."""
     least = margin - TOLERANCE
@@ -173,14 +179,41 @@ def _go_on(x: Array, margin: float, limits: tuple[float, float, float], dt: floa
 
 
 @inner
-def follow_lanes(x: Array, margin: float, limits: Array, gaze_limits: Array, dt: float) -> bool:
-    """Move the references on for a control period; False if one of them has to brake (``ALLOWED`` 0) and waits."""
-    c = (limits[0], limits[1], limits[2], limits[3], limits[4])
-    _want(x, c, dt)
-    if _any_cylinder(x):
-        _mind_cylinders(x)
-    _go_on(x, margin, (gaze_limits[0], gaze_limits[1], gaze_limits[2]), dt)
-    going = 0.0
-    for i in range(LANES):
-        going += x[ALLOWED * LANES + i]
-    return going == LANES
+def _want_all(lanes: Array, count: int, limits: Limits, dt: float) -> None:
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            _want(lanes[k, b], limits, dt)
+
+
+@inner
+def _go_on_all(
+    lanes: Array, count: int, margin: float, limits: tuple[float, float, float], dt: float
+) -> None:
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            _go_on(lanes[k, b], margin, limits, dt)
+
+
+@inner
+def follow_lanes(
+    lanes: Array, count: int, margin: float, limits: Array, gaze_limits: Array, dt: float
+) -> int:
+    """Move the references of the first ``count`` environments' workspaces on for a control period.
+
+    Returns
+    -------
+    int
+        How many of the lanes wait, because their references have to brake: those with ``ALLOWED`` 0.
+    """
+    _want_all(lanes, count, (limits[0], limits[1], limits[2], limits[3], limits[4]), dt)
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            if _any_cylinder(lanes[k, b]):
+                _mind_cylinders(lanes[k, b])
+    _go_on_all(lanes, count, margin, (gaze_limits[0], gaze_limits[1], gaze_limits[2]), dt)
+    waiting = 0
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            for i in range(LANES):
+                waiting += 1 if lanes[k, b, ALLOWED * LANES + i] == 0.0 else 0
+    return waiting

@@ -6,7 +6,7 @@ near enough to touch whatever way they are turned, nothing touches. What is no n
 
 from __future__ import annotations
 
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inlined, inner
 from camnet.batch.lane_layout import ASIDE, LANES, NEAR, PLACES, ROWS, P, get, lanes_of
 from camnet.batch.network import Model
 from camnet.batch.state import State
@@ -14,13 +14,12 @@ from camnet.batch.touch import agents_reach, ground_reach, target_reach
 from camnet.geometry.triples import Triple
 from camnet.types import Array
 
-__all__ = ["may_touch"]
+__all__ = ["may_touch", "note_places"]
 
 
-@inner
+@inlined
 def _note_places(x: Array) -> None:
-    """Write the agents' places twice over, so that reading them from another one on goes round and round."""
-    for i in range(lanes_of(x, ROWS)):
+    for i in range(LANES):
         p, k = get(x, P, i), PLACES * LANES + i
         x[k] = x[k + LANES] = p[0] + x[ASIDE * LANES + i]
         x[k + 2 * LANES] = x[k + 3 * LANES] = p[1]
@@ -28,23 +27,43 @@ def _note_places(x: Array) -> None:
 
 
 @inner
-def _near_pairs(x: Array, y: Array, shift: int, reach: float) -> int:
-    """How many lanes of ``x`` are near the lane of ``y`` that is ``shift`` farther, round and round."""
+def note_places(lanes: Array, count: int) -> None:
+    """Write the agents' places twice over, so that reading them from another one on goes round and round.
+
+    ``lanes`` (count or more, B, 4 ROWS) are the workspaces of ``count`` environments. All are written before any is
+    read: what reads at once what two writes have just made waits for both.
+    """
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            _note_places(lanes[k, b])
+
+
+@inlined
+def _apart(x: Array, y: Array, i: int, shift: int, reach: float) -> bool:
+    """Whether lane ``i`` of ``x`` is far from the lane of ``y`` that is ``shift`` farther, round and round."""
+    k = PLACES * LANES + i
+    j = k + shift
+    dx, dy, dz = x[k] - y[j], x[k + 2 * LANES] - y[j + 2 * LANES], x[k + 4 * LANES] - y[j + 4 * LANES]
+    return dx * dx + dy * dy + dz * dz > reach
+
+
+@inner
+def _near_within(x: Array, reach: float, ground: float) -> int:
+    """How many lanes are near the ground, the next lane or the next but one."""
     near = 0
     for i in range(lanes_of(x, ROWS)):
-        k = PLACES * LANES + i
-        j = k + shift
-        dx, dy, dz = x[k] - y[j], x[k + 2 * LANES] - y[j + 2 * LANES], x[k + 4 * LANES] - y[j + 4 * LANES]
-        near += 0 if dx * dx + dy * dy + dz * dz > reach else 1
+        apart = (x[(P + 2) * LANES + i] > ground) & _apart(x, x, i, 1, reach) & _apart(x, x, i, 2, reach)
+        near += 0 if apart else 1
     return near
 
 
 @inner
-def _near_ground(x: Array, reach: float) -> int:
-    """How many lanes are near the ground."""
+def _near_between(x: Array, y: Array, reach: float) -> int:
+    """How many lanes of ``x`` are near one of ``y``."""
     near = 0
     for i in range(lanes_of(x, ROWS)):
-        near += 0 if x[(P + 2) * LANES + i] > reach else 1
+        apart = _apart(x, y, i, 0, reach) & _apart(x, y, i, 1, reach)
+        near += 0 if apart & _apart(x, y, i, 2, reach) & _apart(x, y, i, 3, reach) else 1
     return near
 
 
@@ -60,23 +79,16 @@ def _near_place(x: Array, p: Triple, reach: float) -> int:
 
 
 @inner
-def _near_others(model: Model, lanes: Array, b: int) -> int:
-    """How many pairs are near each other, one of them in workspace ``b`` and the other there or in one before."""
-    reach = agents_reach(model)
-    near = _near_pairs(lanes[b], lanes[b], 1, reach) + _near_pairs(lanes[b], lanes[b], 2, reach)
-    for c in range(b):
-        for shift in range(LANES):
-            near += _near_pairs(lanes[b], lanes[c], shift, reach)
-    return near
-
-
-@inner
 def may_touch(model: Model, state: State, k: int, e: int) -> bool:
-    """Whether anything may touch in the block's ``k``-th environment ``e``, or might when this was last asked."""
-    lanes, near = state.lanes[k], 0
+    """Whether anything may touch in the block's ``k``-th environment ``e``, or might when this was last asked.
+
+    The places have been noted.
+    """
+    lanes, near, reach = state.lanes[k], 0, agents_reach(model)
     for b in range(lanes.shape[0]):
-        _note_places(lanes[b])
-        near += _near_ground(lanes[b], ground_reach(model)) + _near_others(model, lanes, b)
+        near += _near_within(lanes[b], reach, ground_reach(model))
+        for a in range(b):
+            near += _near_between(lanes[b], lanes[a], reach)
         for m in range(state.target.shape[1]):
             p = (state.target[e, m, 0], state.target[e, m, 1], state.target[e, m, 2])
             near += _near_place(lanes[b], p, target_reach(model, m))

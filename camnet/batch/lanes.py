@@ -4,8 +4,8 @@ Every stage of a period is a loop over the lanes of a workspace (`camnet.batch.l
 compiler turns into vector instructions. What is constant is a tuple: an array could be the workspace itself, for all
 the compiler knows, and would have to be read again after every store.
 
-Turns of more than `SMALL` in half a physics step, and gimbals as fast as that, have no place here: `fly_lanes` then
-leaves the workspace's flight unused, and the agents fly one by one.
+Turns of more than `SMALL` in half a physics step, and gimbals as fast as that, have no place here: where an agent
+might come to turn so, `fly_lanes` leaves its workspace as it is, and the agents in it fly one by one.
 """
 
 from __future__ import annotations
@@ -22,21 +22,19 @@ from camnet.batch.lane_layout import (
     BEFORE,
     CAMERA,
     CIRCLES,
-    FLOWN,
     GAIN,
     GOALS,
     HEADING,
     INTEGRAL,
     JOINTS,
     LANES,
-    LARGEST,
     LOOK,
     RATES,
     ROTORS,
     ROWS,
-    SAVED,
     SQUARES,
     TORQUE,
+    WILD,
     WIND,
     A,
     P,
@@ -56,7 +54,7 @@ from camnet.batch.triples import SMALL, circle, small_circle, small_turn
 from camnet.geometry.triples import Triple, rotate, rotate_inverse
 from camnet.types import Array
 
-__all__ = ["fly_lanes", "note_joints"]
+__all__ = ["calm_rate", "carry_cameras", "fly_lanes", "note_joints"]
 
 #: physics steps of the rotors that are done together
 _STEPS = 4
@@ -149,8 +147,6 @@ def _move(x: Array, dt: float, c: Constants) -> None:
         put(x, V, i, v)
         put(x, AFTER, i, w)
         put(x, TORQUE, i, rotate_inverse(by, torque))
-        square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-        x[LARGEST * LANES + i] = max(x[LARGEST * LANES + i], square)
 
 
 @inlined
@@ -183,7 +179,7 @@ def _turn_gimbals(x: Array, share: float, c: Constants) -> None:
         put(x, CIRCLES + 3, i, (yaw[1], pan[1], tilt[1]))
 
 
-@inner
+@inlined
 def _carry_cameras(x: Array, offset: Triple) -> None:
     """Put the cameras where the bodies and gimbals are."""
     for i in range(LANES):
@@ -203,32 +199,70 @@ def _carry_cameras(x: Array, offset: Triple) -> None:
 
 
 @inner
-def fly_lanes(x: Array, periods: int, constants: Array, offset: Array) -> bool:
-    """Fly the lanes for so many periods of the inner loop; False, and nothing done, if one turned too fast.
+def carry_cameras(lanes: Array, count: int, offset: Array) -> None:
+    """Put the cameras, ``offset`` (3,) from the bodies' middles, where bodies and gimbals are."""
+    arm = (offset[0], offset[1], offset[2])
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            _carry_cameras(lanes[k, b], arm)
 
-    The workspace ``x`` changes in place; what is commanded is in it. The cameras, ``offset`` (3,) from the bodies'
-    middles, are carried along.
+
+@inlined
+def calm_rate(duration: float, dt: float, c: Constants) -> float:
+    """Angular velocity, rad/s, up to which no turn can come to be too fast within ``duration``.
+
+    Whatever the rotors do and whatever way the torque turns in the body: as long as the size w of the angular velocity
+    is at most w_most = 2 SMALL / dt,
+
+        dw/dt <= |tau| / min(J) + |J^-1 (w x J w)| <= |tau|_most / min(J) + |(dJ / J)| w_most^2 / 2
+
+    Negative if there is none.
     """
-    c = _constants(constants)
+    jx, jy, jz, speeds, most = c[2], c[3], c[4], 2.0 * c[8] * c[8], 2.0 * SMALL / dt
+    lever, yaw = c[5] * c[6] * speeds, c[7] * speeds
+    x, y, z = (jz - jy) / jx, (jx - jz) / jy, (jy - jx) / jz
+    push = math.sqrt(2.0 * lever * lever + yaw * yaw) / min(jx, jy, jz)
+    return most - duration * (push + 0.5 * most * most * math.sqrt(x * x + y * y + z * z))
+
+
+@inlined
+def _wild(x: Array, calm: float) -> int:
+    """How many lanes turn faster than ``calm`` allows, the square of an angular velocity; what is no number does."""
+    wild = 0
+    for i in range(lanes_of(x, ROWS)):
+        w = get(x, W, i)
+        wild += 0 if w[0] * w[0] + w[1] * w[1] + w[2] * w[2] <= calm else 1
+    return wild
+
+
+@inner
+def fly_lanes(lanes: Array, count: int, periods: int, constants: Array) -> int:
+    """Fly the first ``count`` environments' workspaces for so many periods of the inner loop.
+
+    The workspaces ``lanes`` (count or more, B, 4 ROWS) change in place; what is commanded is in them. Together they are
+    flown in one loop, before which what depends on ``constants`` alone is worked out.
+
+    Returns
+    -------
+    int
+        How many were left as they were because one of their agents might turn too fast: those with ``WILD`` 1.
+    """
+    c, wild = _constants(constants), 0
     substeps = int(c[26])
     dt = c[0] / substeps
-    if dt * c[20] > SMALL:
-        return False
-    for i in range(LANES):
-        x[LARGEST * LANES + i] = 0.0
-    for i in range(FLOWN * LANES):
-        x[SAVED * LANES + i] = x[i]
-    for _ in range(periods):
-        _fly_period(x, substeps, dt, c)
-    largest = 0.0
-    for i in range(LANES):
-        largest = max(largest, x[LARGEST * LANES + i])
-    if 0.5 * dt * math.sqrt(largest) > SMALL:
-        for i in range(FLOWN * LANES):
-            x[i] = x[SAVED * LANES + i]
-        return False
-    _carry_cameras(x, (offset[0], offset[1], offset[2]))
-    return True
+    calm = calm_rate(periods * c[0], dt, c)
+    calm = calm * calm if calm > 0.0 and dt * c[20] <= SMALL else -1.0
+    for k in range(count):
+        for b in range(lanes.shape[1]):
+            x = lanes[k, b]
+            if _wild(x, calm) == 0:
+                x[WILD * LANES] = 0.0
+                for _ in range(periods):
+                    _fly_period(x, substeps, dt, c)
+            else:
+                x[WILD * LANES] = 1.0
+                wild += 1
+    return wild
 
 
 @inlined

@@ -21,7 +21,7 @@ from camnet.batch.compiled import inner
 from camnet.batch.flight import fly_agents, load, show_agents, store, sums
 from camnet.batch.gimbal import camera_of
 from camnet.batch.lane_layout import LANES
-from camnet.batch.lane_touches import may_touch
+from camnet.batch.lane_touches import may_touch, note_places
 from camnet.batch.motion import step_target
 from camnet.batch.network import CYLINDER, Model
 from camnet.batch.observe import observe
@@ -117,6 +117,7 @@ def _fly_once(model: Model, state: State, block: IntArray) -> None:
     """Advance the environments by one control period."""
     _step_targets(model, state, block)
     fly_agents(model, state, block)
+    note_places(state.lanes, block.shape[0])
     for k in range(block.shape[0]):
         _end_period(model, state, k, block[k])
 

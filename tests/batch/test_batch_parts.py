@@ -104,28 +104,30 @@ def test_the_circle_without_a_branch():
 
 
 @njit
-def _fly_lanes(x, bodies, memory, cameras, offset, constants, periods):
+def _fly_lanes(work, bodies, memory, cameras, offset, constants, periods):
     """All lanes, those without an agent as the last one; whether nothing turned too fast."""
-    last = bodies.shape[1] - 1
+    x, last = work[0, 0], bodies.shape[1] - 1
     for i in range(lane_layout.LANES):
         lane_layout.load_flight(x, i, bodies, memory, cameras, 0, min(i, last))
     lanes.note_joints(x)
-    gentle = lanes.fly_lanes(x, periods, constants, offset)
+    wild = lanes.fly_lanes(work, 1, periods, constants)
+    lanes.carry_cameras(work, 1, offset)
     for i in range(last + 1):
         lane_layout.store_flight(x, i, bodies, memory, 0, i)
-        lane_layout.show(x, i, bodies, cameras, 0, i)
-    return gentle
+    lane_layout.show(x, last + 1, bodies, cameras, 0, 0)
+    return wild == 0
 
 
 @njit
-def _refer_lanes(x, motion, setpoint, cameras, gains, code, margin, limits, gaze_limits, dt):
+def _refer_lanes(work, motion, setpoint, cameras, gains, code, margin, limits, gaze_limits, dt):
     """Command and move on one agent in all lanes; whether it may without braking."""
+    x = work[0, 0]
     for i in range(lane_layout.LANES):
         lane_layout.load_plan(x, i, motion, setpoint, 0, 0)
         for k in range(7):
             x[(lane_layout.CAMERA + k) * lane_layout.LANES + i] = cameras[k]
-    lane_references.ask_lanes(x, gains, code)
-    return lane_references.follow_lanes(x, margin, limits, gaze_limits, dt)
+    lane_references.ask_lanes(work, 1, gains, code)
+    return lane_references.follow_lanes(work, 1, margin, limits, gaze_limits, dt) == 0
 
 
 @pytest.mark.parametrize("flight_hz", [60, 240])
@@ -147,8 +149,8 @@ def test_flight_is_that_of_pybullet(flight_hz):
     beside = (bodies.copy(), memory.copy(), cameras.copy())
     circle = np.column_stack([np.cos(yaw), np.sin(yaw)])
     nowhere = (np.zeros((3, 2, 3)), np.zeros((3, 3)))
-    work = lane_layout.build_lanes(3, circle, circle, *nowhere, np.array(wind.mean_mps))[0, 0]
-    rows = work.reshape(-1, lane_layout.LANES)
+    work = lane_layout.build_lanes(3, circle, circle, *nowhere, np.array(wind.mean_mps))
+    rows = work[0, 0].reshape(-1, lane_layout.LANES)
     rng = np.random.default_rng(1)
     for k in range(180):
         if k % 20 == 0:  # hard manoeuvres: saturated, turning, tilted
@@ -181,6 +183,24 @@ def test_flight_is_that_of_pybullet(flight_hz):
         np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize("flight_hz", [60, 240])
+def test_who_turns_calmly_does_not_come_to_turn_too_fast(flight_hz):
+    constants, dt = pack_model(model_from_settings(PhysicsSettings(), 240 // flight_hz)), 1 / 240
+    calm, most = lanes.calm_rate(240 // flight_hz * dt, dt, tuple(constants)), 2 * triples.SMALL / dt
+    assert 0.4 * most < calm < most
+    rng, fastest = np.random.default_rng(3), 0.0
+    for _ in range(2000):
+        bodies, memory = np.zeros((1, 1, 13)), np.zeros((1, 1, 19))
+        way, q = rng.standard_normal(3), rng.standard_normal(4)
+        bodies[0, 0, 3:7], bodies[0, 0, 10:] = q / np.linalg.norm(q), calm * way / np.linalg.norm(way)
+        memory[0, 0, :4], memory[0, 0, 15] = rng.choice([0.0, constants[8]], 4), 1.0
+        u, a, w = 9.0 * rng.standard_normal((3, 3))
+        command = (tuple(u), tuple(a), tuple(w), (1.0, 0.0), (0.0, 0.0, 0.0))
+        fly(bodies, memory, 0, 0, *command, constants, 1)
+        fastest = max(fastest, float(np.linalg.norm(bodies[0, 0, 10:])))
+    assert calm < fastest <= most
+
+
 LIMITS = np.array([1.5, 2.0, 2.0, 8.0, 8.0])
 
 
@@ -195,8 +215,8 @@ def test_references_are_those_of_the_array_kernel(region):
     mine = (tuple(p), tuple(v), tuple(a))
     gaze_limits, gains, camera = np.array([1.5, 6.0, 4.0]), np.array([2.0, 0.3, 0.5, 0.1]), np.eye(7)[3]
     one = np.array([[1.0, 0.0]])
-    work = lane_layout.build_lanes(1, one, one, region.bounds[None], discs, np.zeros(3))[0, 0]
-    rows, going = work.reshape(-1, lane_layout.LANES), 0
+    work = lane_layout.build_lanes(1, one, one, region.bounds[None], discs, np.zeros(3))
+    rows, going = work[0, 0].reshape(-1, lane_layout.LANES), 0
     for k in range(1500):
         if k % 40 == 0:  # goals beyond the border as well, so that braking sets in
             goal = region.center + rng.uniform(-1.4, 1.4, 3)
@@ -223,8 +243,8 @@ def test_gaze_and_command_are_those_of_the_array_kernels():
     gains = np.array([2.0, 0.3, 0.5, 0.12])
     circles = [np.array([[math.cos(x), math.sin(x)]]) for x in (yaw, 0.5 * yaw)]
     everywhere = np.array([[[-1e9] * 3, [1e9] * 3]])
-    work = lane_layout.build_lanes(1, *circles, everywhere, np.zeros((1, 3)), np.zeros(3))[0, 0]
-    rows, gaze_limits = work.reshape(-1, lane_layout.LANES), np.array([1.5, 6.0, 4.0])
+    work = lane_layout.build_lanes(1, *circles, everywhere, np.zeros((1, 3)), np.zeros(3))
+    rows, gaze_limits = work[0, 0].reshape(-1, lane_layout.LANES), np.array([1.5, 6.0, 4.0])
     for k in range(300):
         if k % 30 == 0:
             goal = rng.uniform(-1.2, 1.2, 2)
