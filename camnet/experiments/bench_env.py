@@ -27,7 +27,8 @@ from camnet.experiments.bench_simulation import measure_environment
 __all__ = ["follow", "run"]
 
 _WORLD = "quickstart"
-_ROUNDS = 3
+#: turns of every case of the batch back end, and of every size
+_ROUNDS, _SIZE_ROUNDS = 15, 5
 #: cases of the batch back end: estimator, environments, steps of warm-up (estimators learn) and measured
 _BATCH = {"frozen": ("frozen", 1024, 50, 20), "learning": ("learned", 128, 150, 20)}
 #: sizes for the growth of the cost, and environment-steps measured at each
@@ -76,9 +77,9 @@ def run(seed: int = 0, progress: Callable[[float], None] | None = None) -> dict[
     dict
         ``backend``: ``pybullet`` as in `camnet.experiments.bench_simulation.measure_environment`; ``batch`` with
         ``env_steps_per_s`` (wall clock, the held model, all threads), ``batch`` (environments), ``threads``, then
-        ``frozen`` and ``learning`` apart, each on one thread and on all (CPU time as median and least of the rounds),
-        and ``scaling``: CPU time of an environment-step and memory of an environment against the number of
-        environments. ``peers``: steps/s of one core.
+        ``frozen`` and ``learning`` apart, each on one thread and on all (medians over turns, the quartiles beside them;
+        CPU time as median and least), and ``scaling``: CPU time of an environment-step and memory of an environment
+        against the number of environments. ``peers``: steps/s of one core.
     """
     report = progress if progress is not None else _silent
     held = warm_up(BatchHandoff(_WORLD, 1, filter_name="ekf").network)
@@ -131,8 +132,10 @@ def _measure_batches(seed: int, held: FrozenModel) -> dict[str, dict[str, Any]]:
     for (name, label), spent in rounds.items():
         env, total = envs[name, label], cases[name, label][1] * cases[name, label][3]
         cpu_s = statistics.median(cpu for cpu, _ in spent)
+        slow, middle, fast = (total / wall for wall in np.quantile([w for _, w in spent], [0.75, 0.5, 0.25]))
         result[name][label] = {
-            "env_steps_per_s": total / statistics.median(wall for _, wall in spent),
+            "env_steps_per_s": middle,
+            "env_steps_per_s_quartiles": [slow, fast],
             "env_steps_per_cpu_s": total / cpu_s,
             "cpu_us_per_env_step": 1e6 * cpu_s / total,
             "least_cpu_us_per_env_step": 1e6 * min(cpu for cpu, _ in spent) / total,
@@ -153,7 +156,7 @@ def _scaled(environments: int, seed: int, held: FrozenModel) -> dict[str, float]
     """Cost of the held model with so many environments, on one thread."""
     env = _open_batch("frozen", environments, 5, seed, 1, held)
     steps = max(3, _SCALED_STEPS // environments)
-    rounds = [_batch_seconds(env, env.simulation.observations.copy(), steps)[0] for _ in range(_ROUNDS)]
+    rounds = [_batch_seconds(env, env.simulation.observations.copy(), steps)[0] for _ in range(_SIZE_ROUNDS)]
     own = sum(_bytes_of(group) for group in env.simulation.groups)
     start = time.process_time()
     env.reset(seed=seed)
