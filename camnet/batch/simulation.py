@@ -36,10 +36,10 @@ __all__ = ["FILTERS", "BatchSimulation"]
 
 #: what the agents may know comes from one of these
 FILTERS = ("learned", "frozen", "ekf", "oracle")
-#: environments that one call of the compiled loop takes, at most and, where threads share the work, at least
-_MOST, _LEAST = 1024, BLOCK
-#: share of what is left that a thread takes next: a third of what falls to it
-_SHARE = 1.0 / 3.0
+#: environments that one call of the compiled loop takes, at most
+_MOST = 1024
+#: share of what is left that a thread takes next: half of what falls to it
+_SHARE = 0.5
 
 
 class _Estimators(Protocol):
@@ -108,12 +108,12 @@ class _Group:
 
 
 def _group_sizes(environments: int, threads: int) -> list[int]:
-    """Environments in each group: for threads ever fewer, so that all are done at about the same time."""
+    """Environments in each group: for threads ever fewer, so that all are done at about the same time; whole blocks."""
     if threads == 1:
         return [min(_MOST, environments - first) for first in range(0, environments, _MOST)]
-    sizes, left, least = [], environments, min(_LEAST, math.ceil(environments / threads))
+    sizes, left, least = [], environments, min(BLOCK, math.ceil(environments / threads))
     while left:
-        sizes.append(min(_MOST, left, max(math.ceil(_SHARE * left / threads), least)))
+        sizes.append(min(_MOST, left, least * max(1, round(_SHARE * left / threads / least))))
         left -= sizes[-1]
     return sizes
 
