@@ -216,7 +216,8 @@ def calm_rate(duration: float, dt: float, c: Constants) -> float:
 
         dw/dt <= |tau| / min(J) + |J^-1 (w x J w)| <= |tau|_most / min(J) + |(dJ / J)| w_most^2 / 2
 
-    Negative if there is none.
+    where dJ / J are the differences of two moments of inertia over the third (Euler's equations). ``duration`` and the
+    physics step ``dt`` in s, ``c`` as in `camnet.batch.body`. Negative if there is no such rate.
     """
     jx, jy, jz, speeds, most = c[2], c[3], c[4], 2.0 * c[8] * c[8], 2.0 * SMALL / dt
     lever, yaw = c[5] * c[6] * speeds, c[7] * speeds

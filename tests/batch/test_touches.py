@@ -71,7 +71,7 @@ def test_nothing_touches_where_nothing_may(world):
 
 
 class _Bullet:
-    """Two agents and a target in PyBullet."""
+    """Two agents, a target and the ground in PyBullet."""
 
     def __init__(self, radius, height, size):
         self.half, self.client = 0.5 * size, pybullet.connect(pybullet.DIRECT)
@@ -81,12 +81,15 @@ class _Bullet:
             pybullet.createMultiBody(1.0, shape, physicsClientId=self.client)
             for shape in (cylinder, cylinder, box)
         ]
+        self.ground = pybullet.createMultiBody(
+            0.0, self._shape(pybullet.GEOM_PLANE), physicsClientId=self.client
+        )
 
     def _shape(self, kind, **size):
         return pybullet.createCollisionShape(kind, physicsClientId=self.client, **size)
 
     def gaps(self, agents, target):
-        """Gaps from agent 0 to agent 1 and to the target, m, negative inside; rows as in `State`."""
+        """Gaps from agent 0 to agent 1, the target and the ground, m, negative inside; rows as in `State`."""
         middle = pybullet.multiplyTransforms(
             target[:3], np.roll(target[3:7], -1), (0, 0, self.half[2]), (0, 0, 0, 1)
         )
@@ -96,7 +99,7 @@ class _Bullet:
         first, *others = self.bodies
         return [
             min(point[8] for point in pybullet.getClosestPoints(first, k, 9.0, physicsClientId=self.client))
-            for k in others
+            for k in (*others, self.ground)
         ]
 
 
@@ -116,7 +119,7 @@ def test_touches_are_those_of_pybullet():
         state.touching[:] = 0
         _note(places[0].at, places[1].at, 0)
         gaps += bullet.gaps(state.bodies[0], state.target[0, 0])
-        here += [state.touching[0, 1, 0], state.touching[0, 0, 5]]
+        here += [state.touching[0, 1, 0], state.touching[0, 0, 5], state.touching[0, 0, 4]]
     pybullet.disconnect(bullet.client)
     env.close()
     gap, touching = np.array(gaps), np.array(here) > 0
