@@ -1,0 +1,24 @@
+"""Structure and motion from one moving camera (bell2019): distances, key frames, moving targets.
+
+Frames: ``c`` current camera, ``k`` key frame (the camera frame where an object was first seen), ``i`` feature i; camera
+axes x right, y down, z forward. ``u_ic`` is the unit vector to feature i in the camera frame, ``d_ic`` its distance;
+``u_kc``, ``d_kc``, ``r_kc``/``q_kc`` direction, distance and rotation of the key frame, key frame to camera frame.
+Everything broadcasts over leading dimensions.
+
+| module | what |
+| --- | --- |
+| `geometry` | psi, M, chi and their conditions; ``velocity_vector`` (phi) is corrected |
+| `rates` | rate laws of distances, directions, positions, orientations; ``key_quaternion_rate`` is corrected |
+| `tracks` | ``TrackedFrame(t_s, ids, pixels)``, the protocol ``FeatureTracks``, ``SimulatedTracks``, ``match`` |
+| `camera_path` | ``CameraPath(t_s, p_world, q_world).states(t)``; ``planar_path`` for a level camera on a robot |
+| `odometry` | ``OdometrySpread.draw``, ``measure_odometry``, ``Odometry.at(t)``, ``dead_reckon`` |
+
+A simulation in four lines::
+
+    path = planar_path(t_knots, xy, camera_yaw, height_m=0.3)
+    tracks = SimulatedTracks(points_world, path, Pinhole.from_settings(intrinsics), t_frames, 0.5, rng)
+    odometry = measure_odometry(path, t_50hz, OdometrySpread().draw(rng), rng)
+    for frame in tracks: u_ic = camera.unproject(frame.pixels); v, w = odometry.at(frame.t_s)
+
+Everything here was derived again; what differs from print says so at the head of its file.
+"""
