@@ -3,7 +3,9 @@ r"""Which stretches of road each camera sees: exact intervals, occluders include
 | symbol | name | shape | meaning |
 | --- | --- | --- | --- |
 | A x <= b - rho | ``views`` | (C, F, 3), (C, F) | a ball of radius rho inside a view; exact for unit normals |
-| p(s) = p0 + s d | pieces of ``RoadArcs`` | (S, 2) | straight road pieces at the target's height z |
+| p(s) = p0 + s d | lines of ``RoadArcs`` | (L, 2) | straight lanes of road pieces at the target's height z |
+
+A place of a piece is in view where every line of it is, so that no target passes the cross-section unseen.
 
 A convex view cuts a straight piece in one interval. An occluder's shadow does too: c + lambda (p(s) - c) is inside
 the occluder for some lambda in (0, 1]; with m = lambda s that is a convex polygon in (lambda, m), whose corners hold
@@ -28,6 +30,8 @@ __all__ = ["Coverage", "Views", "clip_polygon", "cover_roads", "hidden_interval"
 _CONTACT_M = 1e-9
 #: distance to a face that does not limit
 _UNLIMITED_M = 1e9
+#: numbers in one intermediate array
+_MOST_NUMBERS = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +102,29 @@ def cover_roads(
     occluders : convex polytopes (B, c), B x <= c with unit normals; each is grown by the extent, which is cautious
     """
     camera, piece = _near_pairs(roads, views, extent_m)
+    lines = np.diff(roads.line_ptr)[piece]
+    found = [
+        _cover(roads, views, height_m, extent_m, occluders, camera[lines == n], piece[lines == n])
+        for n in np.unique(lines).tolist()
+    ]
+    if not found:
+        nothing = np.zeros(0, dtype=np.int64)
+        return Coverage(nothing, nothing, *(np.zeros(0) for _ in range(4)))
+    arc, seen_by, start, end, depth, at = (np.concatenate([part[k] for part in found]) for k in range(6))
+    order = np.lexsort((start, arc))
+    return Coverage(arc[order], seen_by[order], start[order], end[order], depth[order], at[order])
+
+
+def _cover(
+    roads: RoadArcs,
+    views: Views,
+    height_m: float,
+    extent_m: float,
+    occluders: Sequence[tuple[Array, Array]],
+    camera: IntArray,
+    piece: IntArray,
+) -> tuple[IntArray, IntArray, Array, Array, Array, Array]:
+    """Return the columns of ``Coverage``, unsorted, for pairs of cameras and pieces with equally many lines."""
     spare, slope = _linear_depth(roads, views, height_m, extent_m, camera, piece)
     low, high = _interval(spare, slope, roads.piece_length_m[piece])
     seen = high > low + _CONTACT_M
@@ -110,23 +137,17 @@ def cover_roads(
         )
         spare, slope = spare[keep], slope[keep]
     spare, slope = _in_plane(views, camera, spare, slope)
-    at, depth = _deepest(spare, slope, low, high)
+    at, depth = _deepest_in_parts(spare, slope, low, high)
     offset = roads.piece_offset_m[piece]
-    order = np.lexsort((low + offset, roads.piece_arc[piece]))
-    return Coverage(
-        arc=roads.piece_arc[piece][order],
-        camera=camera[order],
-        start_m=(low + offset)[order],
-        end_m=(high + offset)[order],
-        depth_m=depth[order],
-        deepest_m=(at + offset)[order],
-    )
+    return roads.piece_arc[piece], camera, low + offset, high + offset, depth, at + offset
 
 
 def _near_pairs(roads: RoadArcs, views: Views, extent_m: float) -> tuple[IntArray, IntArray]:
     """Return camera and piece numbers whose boxes meet."""
-    ends = roads.start_xy + roads.piece_length_m[:, None] * roads.direction_xy
-    low, high = np.minimum(roads.start_xy, ends), np.maximum(roads.start_xy, ends)
+    length = np.repeat(roads.piece_length_m, np.diff(roads.line_ptr))[:, None]
+    ends = roads.line_start_xy + length * roads.line_direction_xy
+    low = np.minimum.reduceat(np.minimum(roads.line_start_xy, ends), roads.line_ptr[:-1])
+    high = np.maximum.reduceat(np.maximum(roads.line_start_xy, ends), roads.line_ptr[:-1])
     tree = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
     camera, piece = tree.query(shapely.box(*views.bounds_xy.T))
     return camera.astype(np.int64), piece.astype(np.int64)
@@ -135,13 +156,23 @@ def _near_pairs(roads: RoadArcs, views: Views, extent_m: float) -> tuple[IntArra
 def _linear_depth(
     roads: RoadArcs, views: Views, height_m: float, extent_m: float, camera: IntArray, piece: IntArray
 ) -> tuple[Array, Array]:
-    """Return (pairs, F) arrays: the distance to face k on the piece is ``spare - slope s``, less the extent."""
-    normals = views.normals[camera]
-    start, direction = roads.start_xy[piece], roads.direction_xy[piece]
-    spare = views.offsets[camera] - extent_m - normals[..., 2] * height_m
-    spare -= normals[..., 0] * start[:, :1] + normals[..., 1] * start[:, 1:]
-    slope = normals[..., 0] * direction[:, :1] + normals[..., 1] * direction[:, 1:]
-    return spare, slope
+    """Return (pairs, K F) arrays: the distance of line i to face k is ``spare - slope s``, less the extent.
+
+    The pieces have equally many lines K; columns run over the lines, and over the faces of each.
+    """
+    normals = views.normals[camera][:, None]  # (pairs, 1, F, 3)
+    lines = _lines(roads, piece)
+    start, direction = roads.line_start_xy[lines], roads.line_direction_xy[lines]  # (pairs, K, 2)
+    spare = (views.offsets[camera] - extent_m)[:, None] - normals[..., 2] * height_m
+    spare = spare - (normals[..., 0] * start[..., :1] + normals[..., 1] * start[..., 1:])
+    slope = normals[..., 0] * direction[..., :1] + normals[..., 1] * direction[..., 1:]
+    return spare.reshape(len(piece), -1), slope.reshape(len(piece), -1)
+
+
+def _lines(roads: RoadArcs, piece: IntArray) -> IntArray:
+    """Return the numbers of the lines of pieces that have equally many: (pieces, K)."""
+    count = int(roads.line_ptr[piece[0] + 1] - roads.line_ptr[piece[0]]) if len(piece) else 1
+    return np.asarray(roads.line_ptr[piece][:, None] + np.arange(count), dtype=np.int64)
 
 
 def _in_plane(views: Views, camera: IntArray, spare: Array, slope: Array) -> tuple[Array, Array]:
@@ -151,6 +182,7 @@ def _in_plane(views: Views, camera: IntArray, spare: Array, slope: Array) -> tup
     they get a distance that never decides.
     """
     share = np.linalg.norm(views.normals[camera][..., :2], axis=-1)
+    share = np.tile(share, spare.shape[1] // share.shape[1])
     flat = share < 1e-9
     spare, slope = spare / np.where(flat, 1.0, share), slope / np.where(flat, 1.0, share)
     spare[flat], slope[flat] = _UNLIMITED_M, 0.0
@@ -166,6 +198,14 @@ def _interval(spare: Array, slope: Array, length: Array) -> tuple[Array, Array]:
     low[flat] = 0.0
     high[flat] = np.where(spare[flat] >= 0.0, np.inf, -1.0)
     return np.maximum(low.max(axis=1), 0.0), np.minimum(high.min(axis=1), length)
+
+
+def _deepest_in_parts(spare: Array, slope: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return ``_deepest`` of many rows with bounded memory."""
+    rows = max(1, _MOST_NUMBERS // spare.shape[1] ** 3)
+    parts = [slice(k, k + rows) for k in range(0, max(len(low), 1), rows)]
+    found = [_deepest(spare[p], slope[p], low[p], high[p]) for p in parts]
+    return np.concatenate([at for at, _ in found]), np.concatenate([depth for _, depth in found])
 
 
 def _deepest(spare: Array, slope: Array, low: Array, high: Array) -> tuple[Array, Array]:
@@ -197,15 +237,20 @@ def _subtract_shadow(
 ) -> tuple[IntArray, IntArray, Array, Array, IntArray]:
     """Cut an occluder's shadow out of the intervals; the last result numbers the rows that the new ones come from."""
     rows: list[tuple[int, float, float]] = []
+    lines = _lines(roads, piece)
     for k in range(len(camera)):
         eye = views.position[camera[k]]
-        start = np.array([*roads.start_xy[piece[k]], height_m])
-        direction = np.array([*roads.direction_xy[piece[k]], 0.0])
-        dark = hidden_interval(eye, start, direction, float(high[k]), *occluder)
-        if dark is None or dark[1] <= low[k] or dark[0] >= high[k]:
-            rows.append((k, float(low[k]), float(high[k])))
-            continue
-        rows += [(k, a, b) for a, b in ((low[k], dark[0]), (dark[1], high[k])) if b - a > _CONTACT_M]
+        parts = [(float(low[k]), float(high[k]))]
+        for line in lines[k].tolist():
+            start = np.array([*roads.line_start_xy[line], height_m])
+            direction = np.array([*roads.line_direction_xy[line], 0.0])
+            dark = hidden_interval(eye, start, direction, float(high[k]), *occluder)
+            if dark is not None:
+                parts = [
+                    part for a, b in parts for part in ((a, min(b, dark[0])), (max(a, dark[1]), b))
+                    if part[1] - part[0] > _CONTACT_M
+                ]  # fmt: skip
+        rows += [(k, a, b) for a, b in parts]
     keep = np.array([r[0] for r in rows], dtype=np.int64)
     return camera[keep], piece[keep], np.array([r[1] for r in rows]), np.array([r[2] for r in rows]), keep
 
