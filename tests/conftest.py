@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Generator
 from pathlib import Path
 
 # The workers of pytest-xdist share what they compile. This must be set before Numba is imported.
@@ -67,6 +69,38 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if "slow" in item.keywords:
             item.add_marker(skip)
+
+
+#: reasons of skips for a package that is missing: those of `pytest.importorskip`, and ours
+_MISSING = re.compile("could not import|No module named|is not installed")
+#: a folder of peers that no extra installs together
+_PEERS = ROOT / "tests" / "ecosystem"
+
+
+def _fail_if_a_package_is_missing(report: pytest.TestReport | pytest.CollectReport, path: Path) -> None:
+    """Where CI is set the extra ``test`` has all that tests need: what they skip for is a fault of the extra."""
+    if not report.skipped or os.environ.get("CI", "false").lower() in ("", "0", "false"):
+        return
+    reason = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+    if _MISSING.search(reason) and not path.is_relative_to(_PEERS):
+        report.outcome = "failed"
+        report.longrepr = f"{path}: {reason}: a package that the tests need belongs to the extra 'test'"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    _fail_if_a_package_is_missing(report, item.path)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    report = yield
+    _fail_if_a_package_is_missing(report, collector.path)
+    return report
 
 
 @pytest.fixture(scope="session")

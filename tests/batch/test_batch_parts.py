@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numba import njit
+from rounding import assert_rounded_alike
 
 from camnet.batch import lane_layout, lane_references, lanes, triples
 from camnet.batch.body import fly
@@ -82,7 +83,7 @@ def test_triples_agree_with_rotations():
     for scale in (1e-12, 1e-5, 0.05, 0.19, 0.21, 3.0):
         x = scale * rng.standard_normal(3)
         q, v = rotations.normalise(rng.standard_normal(4)), rng.standard_normal(3)
-        np.testing.assert_allclose(triples.turn(*x), rotations.exp(x), atol=2e-16)
+        assert_rounded_alike(triples.turn(*x), rotations.exp(x))
         np.testing.assert_allclose(rotate(tuple(q), tuple(v)), rotations.rotate(q, v), atol=1e-15)
         np.testing.assert_allclose(log(tuple(rotations.exp(x))), rotations.log(rotations.exp(x)), atol=1e-15)
         np.testing.assert_allclose(
@@ -100,7 +101,7 @@ def test_the_circle_without_a_branch():
     x = np.concatenate([np.linspace(-30, 30, 9001), 0.25 * np.pi * np.arange(-9, 10), [1e-300, 1e-9, 1e4]])
     out = np.zeros((len(x), 2))
     _circles(x, out)
-    np.testing.assert_allclose(out, np.column_stack([np.cos(x), np.sin(x)]), rtol=0, atol=3e-16)
+    assert_rounded_alike(out, np.column_stack([np.cos(x), np.sin(x)]), scale=1.0)
 
 
 @njit
@@ -273,7 +274,7 @@ def test_gaze_and_command_are_those_of_the_array_kernels():
             )
             ahead = gaze_step(mine[:2], mine[2:], tuple(goal), 1.5, 6.0, 4.0, 1 / 60)
             place = slice(lane_layout.MOTION + 9, lane_layout.MOTION + 13)
-            np.testing.assert_allclose(rows[place, 3], ahead, rtol=0, atol=1e-15)
+            assert_rounded_alike(rows[place, 3], ahead, scale=1.0)
 
 
 LOOP = Road(name="loop", points_m=((4, 0), (1, 3), (-3, 2), (-3, -2), (1, -3)), closed=True)

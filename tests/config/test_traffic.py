@@ -107,7 +107,7 @@ def test_too_little_traffic_is_an_error(town: Scenario, tmp_path: Path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("sumo") is None, reason="needs the sumo extra")
+@pytest.mark.skipif(importlib.util.find_spec("sumo") is None, reason="eclipse-sumo is not installed")
 def test_the_streets_of_bologna(project_root: Path, shared_data: Path, tmp_path: Path):
     scenario = load_scenario(project_root / "configs" / "bologna.yaml", [f"data={shared_data / 'bologna'}"])
     assert isinstance(scenario, Scenario)

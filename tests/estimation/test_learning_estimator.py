@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rounding import assert_rounded_alike
 
 from camnet.errors import ConfigError
 from camnet.estimation import ConstantVelocityEKF, LearningEstimator, TargetFilter, place_basis
@@ -190,7 +191,7 @@ def test_rollout_foretells_what_predict_will_say(build: Callable, measurement_of
 def test_a_rollout_leaves_out_only_kernels_without_weight(
     build: Callable, replica_factory: Callable, replica_runner: Callable
 ) -> None:
-    """Bit for bit the same path as with all kernels."""
+    """The same path as with all kernels, but for the order of the sums."""
     estimator = build(EstimatorSettings())
     replica_runner(replica_factory(1, **LOOP), estimator)
     basis, now, gap = estimator._basis, estimator.estimate, GapSettings()
@@ -202,8 +203,8 @@ def test_a_rollout_leaves_out_only_kernels_without_weight(
         False, weights, basis.centres, basis.precision, basis.heading_scale_m, *BOUNDS,
         estimator._road_offset(), estimator._roads,
     )  # fmt: skip
-    np.testing.assert_array_equal(path.p_world, p)
-    np.testing.assert_array_equal(path.q_world, q)
+    assert_rounded_alike(path.p_world, p, scale=10.0, steps=80)
+    assert_rounded_alike(path.q_world, q, scale=1.0, steps=80)
 
 
 def test_a_region_keeps_its_memory_while_the_target_is_elsewhere(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from itertools import permutations
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rounding import assert_rounded_alike
 
 from camnet.evaluation.set_metrics import IdentityCounter, gospa, ospa
 
@@ -40,6 +42,25 @@ def test_both_distances_are_those_of_their_definitions(n: int, k: int, seed: int
     wanted = brute(truth, estimates, 1.5, order)
     assert ospa(truth, estimates, 1.5, order) == pytest.approx(wanted[0], abs=1e-12)
     assert gospa(truth, estimates, 1.5, order) == pytest.approx(wanted[1], abs=1e-12)
+
+
+def test_stone_soup_agrees() -> None:
+    """Up to a hundred targets, of which some are missed, some false and some pairs beyond the cutoff."""
+    pytest.importorskip("stonesoup")
+    from stonesoup.measures import Euclidean
+    from stonesoup.metricgenerator.ospametric import GOSPAMetric, OSPAMetric
+    from stonesoup.types.state import State
+
+    now, rng = datetime(2026, 1, 1), np.random.default_rng(6)
+    cases = ((1, 1, 2.0, 1.0), (3, 5, 1.0, 1.0), (6, 4, 2.0, 3.0), (40, 40, 2.0, 2.0), (100, 90, 1.0, 5.0))
+    for n, k, order, spread in cases:
+        truth, estimates = spread * rng.normal(size=(n, 3)), spread * rng.normal(size=(k, 3))
+        theirs = [[State(p[:, None], timestamp=now) for p in places] for places in (truth, estimates)]
+        options = {"p": order, "c": 1.5, "measure": Euclidean()}
+        wanted = OSPAMetric(**options).compute_OSPA_distance(theirs[1], theirs[0]).value
+        assert_rounded_alike(ospa(truth, estimates, 1.5, order), wanted, steps=n + k)
+        wanted = GOSPAMetric(**options).compute_gospa_metric(theirs[1], theirs[0])[0]
+        assert_rounded_alike(gospa(truth, estimates, 1.5, order), wanted.value["distance"], steps=n + k)
 
 
 def test_identities_that_change_partners_are_switches() -> None:

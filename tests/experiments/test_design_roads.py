@@ -237,7 +237,7 @@ def test_a_network_by_sumos_own_generator(capsys, tmp_path):
         "netgenerate"
     )
     if generator is None:
-        pytest.skip("netgenerate is part of the eclipse-sumo package")
+        pytest.skip("eclipse-sumo is not installed")
     net = tmp_path / "random.net.xml"
     words = (
         "--rand --rand.iterations 25 --rand.min-distance 80 --rand.max-distance 220 --rand.bidi-probability 1"

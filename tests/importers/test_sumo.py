@@ -16,7 +16,7 @@ from camnet.importers.traffic import busiest_regions, visits
 
 needs_sumolib = pytest.mark.skipif(not importlib.util.find_spec("sumolib"), reason="sumolib is not installed")
 needs_sumo = pytest.mark.skipif(
-    not (importlib.util.find_spec("sumo") or shutil.which("sumo")), reason="the sumo program is not installed"
+    not (importlib.util.find_spec("sumo") or shutil.which("sumo")), reason="eclipse-sumo is not installed"
 )
 
 

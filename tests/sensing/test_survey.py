@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from rounding import assert_rounded_alike
 
 from camnet.geometry.regions import build_region
 from camnet.geometry.settings import Box, CameraModel, Cylinder, Intrinsics
@@ -51,6 +52,6 @@ def test_survey_is_its_parts_one_by_one() -> None:
         np.testing.assert_array_equal(found.region, region)
         assert found.seen_by == first_seers(found.visible)
         np.testing.assert_array_equal(found.outside, ~np.diagonal(inside[4:]))
-        assert found.spacing_m == np.linalg.norm(now.agent_p_world[0] - now.agent_p_world[1])
+        assert_rounded_alike(found.spacing_m, np.linalg.norm(now.agent_p_world[0] - now.agent_p_world[1]))
         seen += int(found.visible.sum())
     assert seen > 50

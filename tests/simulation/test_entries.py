@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rounding import assert_rounded_alike
 
 from camnet.estimation.protocol import Rollout
 from camnet.geometry.regions import build_region
@@ -72,6 +73,9 @@ def test_boxes_at_once_are_boxes_one_by_one() -> None:
                 assert found is expected
                 continue
             assert isinstance(found, Entry)
-            assert (found.t_s, found.direct, found.region) == (expected.t_s, expected.direct, expected.region)
-            np.testing.assert_array_equal(found.v_world, expected.v_world)
+            assert (found.direct, found.region) == (expected.direct, expected.region)
+            assert_rounded_alike(found.t_s, expected.t_s)
+            assert_rounded_alike(
+                found.v_world, expected.v_world, scale=10.0
+            )  # differences of places over 0.1 s
     assert kinds == {None, True, False}
