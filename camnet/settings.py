@@ -11,23 +11,29 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 __all__ = [
+    "Finite",
     "Fraction",
     "NonNegative",
     "Positive",
     "Quaternion",
+    "Seed",
     "Settings",
     "Vector2",
     "Vector3",
 ]
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+#: largest magnitude of any setting, in the SI unit or pixels that its name says
+_LARGEST = 1e9
+Positive = Annotated[float, Field(gt=0, le=_LARGEST, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=_LARGEST, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
-Vector2 = tuple[_Finite, _Finite]
-Vector3 = tuple[_Finite, _Finite, _Finite]
+Finite = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
+#: seeds that every generator here takes (NumPy's, Numba's, JSON readers' exact integers)
+Seed = Annotated[int, Field(ge=0, lt=2**53)]
+Vector2 = tuple[Finite, Finite]
+Vector3 = tuple[Finite, Finite, Finite]
 #: unit quaternion, Hamilton, scalar first
-Quaternion = tuple[_Finite, _Finite, _Finite, _Finite]
+Quaternion = tuple[Finite, Finite, Finite, Finite]
 
 
 class Settings(BaseModel):

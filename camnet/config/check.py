@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from camnet.config.check_geometry import check_geometry
+from camnet.config.check_geometry import check_geometry, track_problems
+from camnet.config.check_sizes import size_problems
 from camnet.config.diagnose import Problem, find, raise_problems, show
 from camnet.config.models import Scenario
 from camnet.config.yaml_nodes import FieldPath, Node, field_text
-from camnet.errors import DataError
+from camnet.errors import DataError, WorldError
 from camnet.geometry.settings import CameraModel, FixedPose
 from camnet.importers.tracks import load_tracks, only_track
 from camnet.motion.settings import RoadTarget, TargetSettings, TrackTarget, VectorFieldTarget
@@ -19,6 +21,8 @@ from camnet.motion.settings import RoadTarget, TargetSettings, TrackTarget, Vect
 __all__ = ["check_scenario"]
 
 _NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_-]*$")
+#: image size over focal length at a view of 170 degrees, beyond which no pinhole camera is meant
+_WIDEST = 2.0 * math.tan(math.radians(85.0))
 _SECTIONS = ("cameras", "regions", "agents", "fixed_cameras", "occluders", "roads", "targets")
 
 
@@ -34,7 +38,9 @@ def check_scenario(scenario: Scenario, root: Node) -> Scenario:
     DataError
         A recorded track that cannot be read.
     """
-    raise_problems([*_names(scenario), *_references(scenario), *_numbers(scenario)], root)
+    raise_problems(
+        [*_names(scenario), *_references(scenario), *_numbers(scenario), *size_problems(scenario)], root
+    )
     _check_tracks(scenario, root)
     return check_geometry(scenario, root)
 
@@ -45,9 +51,10 @@ def _check_tracks(scenario: Scenario, root: Node) -> None:
         if isinstance(target.motion, TrackTarget):
             field = ("targets", i, "motion", "file")
             try:
-                only_track(load_tracks(target.motion), str(target.motion.file))
+                track = only_track(load_tracks(target.motion), str(target.motion.file))
             except DataError as error:
                 raise DataError(f"{find(root, field).origin}: {field_text(field)}: {error}") from None
+            raise_problems(track_problems(scenario, field, track), root, WorldError)
 
 
 def _names(scenario: Scenario) -> Iterator[Problem]:
@@ -180,6 +187,12 @@ def _camera_numbers(path: FieldPath, camera: CameraModel) -> Iterator[Problem]:
         if not 0 < center < size:
             advice = f"the principal point is in the image: between 0 and {size}"
             yield Problem((*path, "intrinsics", f"c{axis}_px"), show(center), advice)
+    for axis, size in (("x", inside.width_px), ("y", inside.height_px)):
+        focal = getattr(inside, f"f{axis}_px")
+        if focal < size / _WIDEST:
+            wide = 2.0 * math.degrees(math.atan(0.5 * size / focal))
+            advice = f"a view of {wide:.4g} degrees across {size} px; less than 170 degrees was expected"
+            yield Problem((*path, "intrinsics", f"f{axis}_px"), show(focal), advice)
     if len(inside.distortion) not in (0, 4, 5, 8, 12, 14):
         advice = "OpenCV's distortion has 0, 4, 5, 8, 12 or 14 numbers: k1, k2, p1, p2, k3, ..."
         yield Problem((*path, "intrinsics", "distortion"), show(inside.distortion), advice)

@@ -13,7 +13,10 @@ from camnet.config.models import Region as RegionSettings
 from camnet.config.yaml_nodes import FieldPath, Node
 from camnet.errors import WorldError
 from camnet.geometry.regions import Region, build_region, overlaps
+from camnet.motion.settings import VectorFieldTarget
+from camnet.motion.track import Track
 from camnet.settings import Vector3
+from camnet.types import Array
 
 __all__ = ["check_geometry"]
 
@@ -36,7 +39,55 @@ def check_geometry(scenario: Scenario, root: Node) -> Scenario:
     scenario = scenario.model_copy(update={"agents": agents})
     raise_problems(_agents_outside(scenario, by_name), root, WorldError)
     raise_problems(_in_solids(scenario, occluders), root, WorldError)
+    raise_problems(_targets_away(scenario), root, WorldError)
     return scenario
+
+
+def track_problems(scenario: Scenario, field: FieldPath, track: Track) -> Iterator[Problem]:
+    """Yield a problem where a recorded track never comes near the world."""
+    low, high = _surroundings(scenario)
+    p = track.p_world[:, :2]
+    if not np.any(np.all((p >= low) & (p <= high), axis=1)):
+        a, b = p.min(axis=0), p.max(axis=0)
+        advice = (
+            f"the track lies in [{a[0]:.4g}, {b[0]:.4g}] x [{a[1]:.4g}, {b[1]:.4g}] m, away from the world in "
+            f"[{low[0]:.4g}, {high[0]:.4g}] x [{low[1]:.4g}, {high[1]:.4g}] m: are its unit, axes or origin right?"
+        )
+        yield Problem(field, "", advice)
+
+
+def _targets_away(scenario: Scenario) -> Iterator[Problem]:
+    """Yield targets that begin so far from everything that nothing will come of them."""
+    low, high = _surroundings(scenario)
+    for i, target in enumerate(scenario.targets):
+        if target.start_m is not None and not bool(
+            np.all((target.start_m >= low) & (target.start_m <= high))
+        ):
+            advice = (
+                f"far from the world in [{low[0]:.4g}, {high[0]:.4g}] x [{low[1]:.4g}, {high[1]:.4g}] m: "
+                "are its unit and axes right?"
+            )
+            yield Problem(("targets", i, "start_m"), show(target.start_m), advice)
+
+
+def _surroundings(scenario: Scenario) -> tuple[Array, Array]:
+    """Corners (2,), (2,) of the box about regions, roads, fixed cameras and fields, grown by its size on each side."""
+    points = [np.array(road.points_m) for road in scenario.roads]
+    points += [build_region(r.name, r.shape).bounds[:, :2] for r in scenario.regions]
+    for fixed in scenario.fixed_cameras:
+        reach = next(c.far_m for c in scenario.cameras if c.name == fixed.camera)
+        points.append(np.array(fixed.pose.position_m[:2]) + np.array([[-reach], [reach]]))
+    for target in scenario.targets:
+        if isinstance(target.motion, VectorFieldTarget) and target.motion.field == "wave":
+            points.append(
+                np.array(target.motion.center_m) + np.array([[-1.0], [1.0]]) * target.motion.scale_m
+            )
+    if not points:  # regions and roads are still to be made from traffic
+        return np.full(2, -np.inf), np.full(2, np.inf)
+    everything = np.concatenate(points)
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin = float((high - low).max())
+    return low - margin, high + margin
 
 
 def _build(shapes: Sequence[RegionSettings | Occluder], section: str, root: Node) -> list[Region]:

@@ -24,6 +24,8 @@ __all__ = ["dump_scenario", "load_scenario", "shipped_worlds"]
 #: content only: the package ``camnet.worlds`` itself is above this one
 _WORLDS = Path(camnet.__file__).parent / "worlds"
 _MAX_CHAIN = 8
+#: largest settings file, bytes
+_MOST_BYTES = 4_000_000
 
 
 def shipped_worlds() -> dict[str, Path]:
@@ -98,10 +100,7 @@ def _locate(source: str | Path, folder: Path = Path()) -> Path:
 
 def _read(path: Path, depth: int) -> Node:
     """Read a file and, under it, the world that it names."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read as UTF-8 text: {error}") from None
+    text = _text(path)
     origin = Origin(str(path), 1, path.parent)
     root = parse_yaml(text, origin)
     if not isinstance(root.value, dict):
@@ -119,6 +118,18 @@ def _read(path: Path, depth: int) -> Node:
             f"{world.origin}: world: value {world.value!r}: recipes refer to each other in a circle"
         )
     return merge(_read(_locate_from(world.value, world.origin), depth + 1), rest)
+
+
+def _text(path: Path) -> str:
+    """Read a file of at most ``_MOST_BYTES``, whatever size it says that it has."""
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(_MOST_BYTES + 1)
+        if len(content) > _MOST_BYTES:
+            raise ConfigError(f"{path}: larger than {_MOST_BYTES:,} bytes: settings are smaller")
+        return content.decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read as UTF-8 text: {error}") from None
 
 
 def _locate_from(name: str, origin: Origin) -> Path:

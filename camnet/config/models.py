@@ -17,7 +17,7 @@ from camnet.estimation.settings import EstimatorSettings
 from camnet.geometry.settings import CameraModel, FixedPose, Road, Shape
 from camnet.motion.settings import TargetSettings
 from camnet.sensing.settings import SensingSettings
-from camnet.settings import NonNegative, Positive, Settings, Vector3
+from camnet.settings import Finite, NonNegative, Positive, Seed, Settings, Vector3
 from camnet.world.settings import PhysicsSettings
 
 __all__ = [
@@ -47,7 +47,7 @@ class Agent(Settings):
     region: str
     camera: str
     start_m: Vector3 | None = None
-    start_yaw_rad: float = 0.0
+    start_yaw_rad: Finite = 0.0
 
 
 class FixedCamera(Settings):
@@ -146,15 +146,15 @@ class Scenario(Settings):
     name: str
     description: str = ""
     kind: Literal["network"] = "network"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     data: Path | None = Field(None, description="the folder of recorded inputs: --set data=FOLDER")
-    cameras: tuple[CameraModel, ...]
-    regions: tuple[Region, ...] = ()
-    agents: tuple[Agent, ...] = ()
-    fixed_cameras: tuple[FixedCamera, ...] = ()
-    occluders: tuple[Occluder, ...] = ()
-    roads: tuple[Road, ...] = ()
-    targets: tuple[TargetSettings, ...] = ()
+    cameras: Annotated[tuple[CameraModel, ...], Field(max_length=1000)]
+    regions: Annotated[tuple[Region, ...], Field(max_length=256)] = ()
+    agents: Annotated[tuple[Agent, ...], Field(max_length=256)] = ()
+    fixed_cameras: Annotated[tuple[FixedCamera, ...], Field(max_length=1000)] = ()
+    occluders: Annotated[tuple[Occluder, ...], Field(max_length=1000)] = ()
+    roads: Annotated[tuple[Road, ...], Field(max_length=20_000)] = ()
+    targets: Annotated[tuple[TargetSettings, ...], Field(max_length=256)] = ()
     traffic: TrafficSettings | None = None
     physics: PhysicsSettings = PhysicsSettings()
     sensing: SensingSettings = SensingSettings()

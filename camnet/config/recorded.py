@@ -14,7 +14,7 @@ from camnet.estimation.crossing.settings import CrossingSettings
 from camnet.importers.krtd import KrtdCamera, read_krtd
 from camnet.importers.tracks import Origin, TrackOptions, read_tracks
 from camnet.motion.track import Track
-from camnet.settings import Positive, Settings
+from camnet.settings import Finite, Positive, Seed, Settings
 
 __all__ = ["CameraFiles", "GeodeticOrigin", "RecordedScenario", "TrackFiles", "check_recorded"]
 
@@ -35,8 +35,8 @@ class CameraFiles(Settings):
     """
 
     glob: str = "cameras/*.krtd"
-    width_px: Annotated[int, Field(gt=0)] = 1920
-    height_px: Annotated[int, Field(gt=0)] = 1080
+    width_px: Annotated[int, Field(gt=0, le=20_000)] = 1920
+    height_px: Annotated[int, Field(gt=0, le=20_000)] = 1080
     near_m: Positive = 0.5
     range_cap_m: Positive = 80.0
 
@@ -62,12 +62,12 @@ class RecordedScenario(Settings):
     name: str
     description: str = ""
     kind: Literal["recorded"]
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     data: Path = Field(description="the folder of the recording: --set data=FOLDER")
     cameras: CameraFiles = CameraFiles()
     tracks: TrackFiles
     origin: GeodeticOrigin | None = None
-    target_height_m: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    target_height_m: Finite = 0.0
     crossing: CrossingSettings = CrossingSettings()
 
     def camera_files(self) -> tuple[Path, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +17,7 @@ from camnet.config.models import Agent, Region, Scenario, TrafficRegions, Traffi
 from camnet.config.yaml_nodes import Node, Origin
 from camnet.errors import DataError
 from camnet.geometry.settings import Box, Road
-from camnet.importers.sumo import read_sumo_network, roads_of, run_sumo
+from camnet.importers.sumo import network_file, read_sumo_network, roads_of, run_sumo
 from camnet.importers.tracks import read_tracks
 from camnet.importers.traffic import BusyRegion, busiest_regions, visits
 from camnet.motion.replay import TrackPath
@@ -213,17 +212,9 @@ def _roads(traffic: TrafficSettings, places: Sequence[BusyRegion], origin: Array
     low = np.min([place.min_m for place in places], axis=0) - traffic.road_margin_m
     high = np.max([place.max_m for place in places], axis=0) + traffic.road_margin_m
     kept = []
-    for index, road in enumerate(roads_of(read_sumo_network(_net_file(traffic.sumo_config)))):
+    for index, road in enumerate(roads_of(read_sumo_network(network_file(traffic.sumo_config)))):
         points = np.array(road.points_m)
         if np.any(np.all((points >= low) & (points <= high), axis=1)):
             moved = tuple((round(float(x), 3), round(float(y), 3)) for x, y in points - origin)
             kept.append(Road(name=f"street_{index}", points_m=moved, width_m=road.width_m))
     return kept
-
-
-def _net_file(config: Path) -> Path:
-    element = ET.parse(config).find(".//net-file")
-    name = None if element is None else element.get("value")
-    if not name:
-        raise DataError(f"{config}: net-file is missing: the scenario names its .net.xml there")
-    return config.parent / name

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import ComposerError
 
 from camnet.errors import ConfigError
 
@@ -26,7 +27,9 @@ Value = Any  #: None, bool, int, float, str, or lists and string-keyed dicts of 
 
 _MAX_NODES = 200_000
 _MAX_DEPTH = 40
+_TOO_MUCH = f"too large or too deeply nested: at most {_MAX_NODES} values, {_MAX_DEPTH} levels"
 _TAG = "tag:yaml.org,2002:"
+_LEADING_ZERO = re.compile(r"[-+]?0[0-9]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +84,23 @@ class Node:
 
 
 class _CoreLoader(yaml.SafeLoader):
-    """Composes nodes with YAML 1.2 core scalars."""
+    """Composes nodes with YAML 1.2 core scalars, up to a number and depth of nodes."""
 
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 - the shape PyYAML asks for
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._count = self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose one node; a file that is too large fails before the rest of it is parsed."""
+        self._count, self._depth = self._count + 1, self._depth + 1
+        if self._count > _MAX_NODES or self._depth > _MAX_DEPTH:
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise ComposerError(problem=_TOO_MUCH, problem_mark=mark)
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 for _name, _pattern, _first in (
@@ -208,6 +225,10 @@ def _scalar(node: yaml.ScalarNode, origin: Origin, path: FieldPath) -> bool | in
             return None
         if kind == "bool":
             return {"true": True, "false": False}[text.lower()]
+        if kind == "int" and _LEADING_ZERO.fullmatch(text):
+            raise ConfigError(
+                f"{origin}: {field_text(path)}: value {text!r}: a number does not begin with 0 (octal or decimal?)"
+            )
         if kind == "int":
             return int(text, 0) if text[:2].lower() in ("0x", "0o") else int(text)
         number = float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))

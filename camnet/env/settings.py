@@ -52,9 +52,9 @@ class EnvSettings(Settings):
     "dict" of named parts) in `camnet.env.layout`, ``message_delay_s`` and ``message_loss`` in `camnet.env.messages`.
     """
 
-    max_cycles: Annotated[int, Field(gt=0)] = 600
+    max_cycles: Annotated[int, Field(gt=0, le=10_000_000)] = 600
     gaze_max_rad: Annotated[float, Field(gt=0, lt=1.5)] = 1.2
-    neighbours: Annotated[int, Field(ge=0)] = 2
+    neighbours: Annotated[int, Field(ge=0, le=1000)] = 2
     communication_range_m: Positive = 100.0
     terminate_on_collision: bool = True
     lost_limit_s: Positive | None = None

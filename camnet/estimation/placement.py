@@ -19,6 +19,9 @@ from camnet.estimation.settings import BasisSettings
 from camnet.geometry.settings import Road
 from camnet.types import Array
 
+#: points of a grid that are looked at; far more than any number of kernels
+_MOST_POINTS = 4_000_000
+
 __all__ = ["grid_centres", "place_basis", "place_on_data", "road_centres"]
 
 
@@ -63,12 +66,21 @@ def road_centres(roads: Sequence[Road], spacing_m: float, margin_m: float) -> Ar
     A grid cut along the roads has the same density on straights, bends and junctions; rows that follow each road
     would crowd where roads meet.
     """
-    if not roads:
-        raise ConfigError("basis placement 'road': the world has no roads; use 'grid' or 'auto'")
-    points = np.vstack([np.asarray(road.points_m, dtype=float) for road in roads])
+    points = _all_points(roads)
     grid = grid_centres(points.min(axis=0) - margin_m, points.max(axis=0) + margin_m, spacing_m)
     distance, _ = distance_to_roads(grid, roads)
     return grid[distance <= margin_m]
+
+
+def _all_points(roads: Sequence[Road]) -> Array:
+    if not roads:
+        raise ConfigError("basis placement 'road': the world has no roads; use 'grid' or 'auto'")
+    return np.vstack([np.asarray(road.points_m, dtype=float) for road in roads])
+
+
+def _grid_size(low: Array, high: Array, spacing_m: float, margin_m: float) -> float:
+    """Points of a grid over the rectangle and its margin."""
+    return float(np.prod((high[:2] - low[:2] + 2.0 * margin_m) / spacing_m + 1.0))
 
 
 def _with_headings(
@@ -105,6 +117,10 @@ def place_basis(settings: BasisSettings, roads: Sequence[Road], low: Array, high
             f"basis placement 'grid': box {low.tolist()} to {high.tolist()} is not a finite box"
         )
     scale = 1.0
+    points = _all_points(roads) if along else np.stack([low, high])
+    corners = points.min(axis=0), points.max(axis=0)
+    while _grid_size(*corners, scale * settings.spacing_m, settings.margin_m) > _MOST_POINTS:
+        scale *= 1.1
     while True:
         spacing = scale * settings.spacing_m
         if along:

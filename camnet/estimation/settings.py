@@ -36,8 +36,8 @@ class BasisSettings(Settings):
     width_m: Positive = 0.5
     margin_m: NonNegative = 1.0
     heading_scale_m: Positive = 0.5
-    headings: Annotated[int, Field(gt=0)] = 8
-    max_kernels: Annotated[int, Field(gt=0)] = 400
+    headings: Annotated[int, Field(gt=0, le=360)] = 8
+    max_kernels: Annotated[int, Field(gt=0, le=4000)] = 400
 
 
 class StackSettings(Settings):
@@ -52,9 +52,9 @@ class StackSettings(Settings):
     (s^2) count, and all but ``excitation_share`` of new regressors must lie among them.
     """
 
-    size: Annotated[int, Field(gt=0)] = 600
+    size: Annotated[int, Field(gt=0, le=20_000)] = 600
     window_s: Positive = 0.4
-    average: Annotated[int, Field(gt=0)] = 4
+    average: Annotated[int, Field(gt=0, le=1000)] = 4
     rule: Literal["lambda_min", "lambda_min_naive", "d_optimal"] = "d_optimal"
     excitation_threshold: Positive = 1e-3
     excitation_share: Fraction = 0.1
@@ -113,8 +113,8 @@ class AdateFilterSettings(Settings):
     position_noise_m: Positive = 0.01
     process_gain: NonNegative = 0.05
     restart_s: Positive = 2.0
-    keep: Annotated[int, Field(gt=0)] = 30
-    limit: Annotated[int, Field(gt=0)] = 60
+    keep: Annotated[int, Field(gt=0, le=10_000)] = 30
+    limit: Annotated[int, Field(gt=0, le=10_000)] = 60
 
 
 class EstimatorSettings(Settings):
@@ -137,7 +137,7 @@ class EstimatorSettings(Settings):
     boundary_layer: Positive = 0.05
     weight_bound: Positive = 20.0
     reset_on_sighting: bool = True
-    regression_samples: Annotated[int, Field(ge=3)] = 20
+    regression_samples: Annotated[int, Field(ge=3, le=10_000)] = 20
     basis: BasisSettings = BasisSettings()
     stack: StackSettings = StackSettings()
     gap: GapSettings = GapSettings()

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from camnet.settings import Positive, Quaternion, Settings, Vector2, Vector3
+from camnet.settings import Finite, Positive, Quaternion, Settings, Vector2, Vector3
 
 __all__ = [
     "Box",
@@ -24,13 +24,13 @@ __all__ = [
 class Intrinsics(Settings):
     """Pinhole intrinsics in pixels, OpenCV's convention; ``distortion`` is OpenCV's (k1, k2, p1, p2, k3, ...)."""
 
-    width_px: Annotated[int, Field(gt=0)]
-    height_px: Annotated[int, Field(gt=0)]
+    width_px: Annotated[int, Field(gt=0, le=20_000)]
+    height_px: Annotated[int, Field(gt=0, le=20_000)]
     fx_px: Positive
     fy_px: Positive
-    cx_px: float
-    cy_px: float
-    distortion: tuple[Annotated[float, Field(allow_inf_nan=False)], ...] = ()
+    cx_px: Finite
+    cy_px: Finite
+    distortion: tuple[Finite, ...] = ()
 
 
 class CameraModel(Settings):
@@ -71,14 +71,14 @@ class Polytope(Settings):
     """Convex hull of points."""
 
     type: Literal["polytope"]
-    vertices_m: tuple[Vector3, ...]
+    vertices_m: Annotated[tuple[Vector3, ...], Field(max_length=1000)]
 
 
 class ExtrudedPolygon(Settings):
     """Simple polygon in the ground plane (need not be convex), extruded between two heights."""
 
     type: Literal["extruded_polygon"]
-    vertices_m: tuple[Vector2, ...]
+    vertices_m: Annotated[tuple[Vector2, ...], Field(max_length=1000)]
     z_m: Vector2
 
 
@@ -89,6 +89,6 @@ class Road(Settings):
     """A road's centre line in the ground plane; ``closed`` joins its ends; roads that share an end meet there."""
 
     name: str
-    points_m: tuple[Vector2, ...]
+    points_m: Annotated[tuple[Vector2, ...], Field(max_length=20_000)]
     closed: bool = False
     width_m: Positive = 0.6

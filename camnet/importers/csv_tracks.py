@@ -12,15 +12,14 @@ A file without an identity column is one track, named after the file. Fields are
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 from camnet.errors import DataError
-from camnet.importers._clock import seconds
-from camnet.importers._reading import number, text_lines
+from camnet.importers._clock import Clock
+from camnet.importers._reading import known_columns, number, quoted
+from camnet.importers._table import table_rows
 from camnet.importers.fixes import Fixes, TrackOptions, tracks_from_fixes
 from camnet.importers.geodesy import latitude, longitude
 from camnet.motion.track import Track
@@ -57,47 +56,36 @@ def read_csv_tracks(path: Path, options: TrackOptions) -> tuple[Track, ...]:
     ------
     DataError
         A column is missing or twice there; a row has another number of fields; a field is not a number, not
-        finite, or no latitude or longitude; there are latitudes but no origin.
+        finite, or no latitude or longitude; times of several kinds; there are latitudes but no origin.
     """
-    rows = _rows(path)
+    rows = table_rows(path)
     line, header = next(rows, (1, []))
     columns = _columns(header, f"{path}, line {line}")
     fixes: dict[str, Fixes] = {}
+    clock = Clock()
     unnamed = path.name.partition(".")[0]
     for line, row in rows:
         where = f"{path}, line {line}"
         if len(row) != len(columns.names):
-            raise DataError(f"{where}: {len(row)} fields {row}; the header has {len(columns.names)}")
+            raise DataError(
+                f"{where}: {len(row)} fields {quoted(','.join(row))}; the header has {len(columns.names)}"
+            )
         identity = unnamed if columns.identity is None else row[columns.identity].strip()
         if not identity:
             raise DataError(f"{where}: the identity is empty; a name was expected")
-        fixes.setdefault(identity, Fixes()).add(*_fix(row, columns, where, options.height_m))
+        fixes.setdefault(identity, Fixes()).add(*_fix(row, columns, where, options.height_m, clock))
     return tracks_from_fixes(fixes, str(path), options, columns.geodetic)
 
 
-def _fix(row: list[str], columns: _Columns, where: str, height_m: float) -> tuple[float, float, float, float]:
+def _fix(
+    row: list[str], columns: _Columns, where: str, height_m: float, clock: Clock
+) -> tuple[float, float, float, float]:
     names, ix, iy, iz = columns.names, columns.x, columns.y, columns.z
-    t_s = seconds(row[columns.time], where, names[columns.time])
+    t_s = clock.seconds(row[columns.time], where, names[columns.time])
     z = height_m if iz is None else number(row[iz], where, names[iz])
     if columns.geodetic:
         return t_s, longitude(row[ix], where, names[ix]), latitude(row[iy], where, names[iy]), z
     return t_s, number(row[ix], where, names[ix]), number(row[iy], where, names[iy]), z
-
-
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Non-blank rows with the number of the line that each ends on."""
-    lines = text_lines(path)
-    first = next(lines, None)
-    if first is None:
-        raise DataError(f"{path}: is empty; a header with the names of the columns was expected")
-    delimiter = max(",;\t", key=first[1].count)
-    reader = csv.reader((text for _, text in chain([first], lines)), delimiter=delimiter, strict=True)
-    try:
-        for row in reader:
-            if any(field.strip() for field in row):
-                yield reader.line_num, row
-    except csv.Error as error:
-        raise DataError(f"{path}, line {reader.line_num}: not a CSV row ({error})") from None
 
 
 def _columns(header: Sequence[str], where: str) -> _Columns:
@@ -106,6 +94,8 @@ def _columns(header: Sequence[str], where: str) -> _Columns:
     if time is None:
         raise DataError(f"{where}: no time among the columns {names}; name one of {', '.join(_TIME)}")
     identity = _find(names, _IDENTITY, where)
+    if identity is None:  # rows of different targets must not become one track by a slip of the pen
+        known_columns(names, _IDENTITY, where)
     lat, lon = _find(names, _LATITUDE, where), _find(names, _LONGITUDE, where)
     if lat is not None and lon is not None:
         return _Columns(names, identity, time, lon, lat, _find(names, _ALTITUDE, where), geodetic=True)

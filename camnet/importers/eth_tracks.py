@@ -20,7 +20,7 @@ def read_eth_tracks(path: Path, options: TrackOptions) -> tuple[Track, ...]:
     Raises
     ------
     DataError
-        A row has not four numbers.
+        A row has not four numbers, or a frame or identity is no whole number.
     """
     fixes: dict[str, Fixes] = {}
     for line, text in text_lines(path):
@@ -31,5 +31,10 @@ def read_eth_tracks(path: Path, options: TrackOptions) -> tuple[Track, ...]:
         if len(row) != len(_FIELDS):
             raise DataError(f"{where}: {len(row)} fields {text!r}; frame, identity, x and y were expected")
         frame, identity, x, y = (number(value, where, name) for value, name in zip(row, _FIELDS, strict=True))
-        fixes.setdefault(f"{identity:g}", Fixes()).add(options.frame_dt_s * frame, x, y, options.height_m)
+        for name, value in (("frame", frame), ("identity", identity)):
+            if value != int(value):
+                raise DataError(
+                    f"{where}: {name} is {value:g}; frame, identity, x and y were expected in this order"
+                )
+        fixes.setdefault(f"{identity:.0f}", Fixes()).add(options.frame_dt_s * frame, x, y, options.height_m)
     return tracks_from_fixes(fixes, str(path), options, geodetic=False)

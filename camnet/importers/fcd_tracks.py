@@ -24,7 +24,8 @@ def read_fcd_tracks(path: Path, options: TrackOptions) -> tuple[Track, ...]:
     Raises
     ------
     DataError
-        Not FCD, an attribute is missing or no number, or no vehicle at all.
+        Not FCD, an attribute is missing or no number, times do not increase, a vehicle is twice in one of them, or
+        there is no vehicle at all.
     """
     reader = _FcdReader(options.height_m)
     parse_xml(path, "fcd-export", reader.start)
@@ -38,11 +39,18 @@ class _FcdReader:
     height_m: float
     t_s: float = math.nan
     fixes: dict[str, Fixes] = field(default_factory=dict)
+    here: set[str] = field(default_factory=set)
 
     def start(self, tag: str, attributes: dict[str, str], where: Place) -> None:
         """Take a time or a vehicle."""
         if tag == "timestep":
-            self.t_s = number(_get(attributes, "time", tag, where), where, "time")
+            t_s = number(_get(attributes, "time", tag, where), where, "time")
+            if t_s <= self.t_s:
+                raise DataError(
+                    f"{where}: time is {t_s:g} s after {self.t_s:g} s; increasing times were expected"
+                )
+            self.t_s = t_s
+            self.here.clear()
         elif tag in ("vehicle", "person"):
             if math.isnan(self.t_s):
                 raise DataError(f"{where}: <{tag}> stands outside of a <timestep>")
@@ -50,7 +58,13 @@ class _FcdReader:
                 number(_get(attributes, name, tag, where), where, name)
                 for name in ("x", "y", "angle", "speed")
             )
-            fixes = self.fixes.setdefault(_get(attributes, "id", tag, where), Fixes())
+            identity = _get(attributes, "id", tag, where)
+            if not identity or identity in self.here:
+                raise DataError(
+                    f"{where}: id is {identity!r}; a name that this <timestep> has once was expected"
+                )
+            self.here.add(identity)
+            fixes = self.fixes.setdefault(identity, Fixes())
             fixes.add(self.t_s, x, y, self.height_m)
             fixes.heading_rad.append(math.remainder(math.radians(90.0 - angle), 2.0 * math.pi))
             fixes.speed_mps.append(speed)

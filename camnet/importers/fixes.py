@@ -15,8 +15,14 @@ import numpy as np
 from camnet.errors import DataError
 from camnet.importers.geodesy import Origin, enu_from_geodetic
 from camnet.motion.track import Track
+from camnet.types import Array, IntArray
 
 __all__ = ["Fixes", "TrackOptions", "tracks_from_fixes"]
+
+#: how far from its origin a local frame still is one, m
+_LOCAL_M = 200_000.0
+#: fixes of one identity at one time that lie farther apart are two targets, m
+_SAME_PLACE_M = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +84,14 @@ class Fixes:
             np.asarray(self.z) if options.use_altitude else np.full(len(self.x), options.origin.altitude_m)
         )
         enu = enu_from_geodetic(np.asarray(self.y), np.asarray(self.x), altitude, options.origin)
+        away = np.linalg.norm(enu[:, :2], axis=1)
+        k = int(np.argmax(away))
+        if away[k] > _LOCAL_M:
+            raise DataError(
+                f"{where}: latitude {self.y[k]:.6g}, longitude {self.x[k]:.6g} lies {away[k] / 1000:.0f} km from the "
+                f"origin {options.origin.latitude_deg:g}, {options.origin.longitude_deg:g}; at most "
+                f"{_LOCAL_M / 1000:.0f} km was expected: are latitude and longitude swapped?"
+            )
         self.x, self.y = enu[:, 0].tolist(), enu[:, 1].tolist()
         self.z = enu[:, 2].tolist() if options.use_altitude else [options.height_m] * len(self.x)
 
@@ -91,9 +105,23 @@ class Fixes:
                 "rows in the order of time were expected"
             )
         chosen = np.unique(t, return_index=True)[1]
+        self._at_one_place(identity, where, t, chosen)
         heading = np.asarray(self.heading_rad)[chosen] if self.heading_rad else None
         speed = np.asarray(self.speed_mps)[chosen] if self.speed_mps else None
         return Track(identity, t[chosen], np.column_stack([self.x, self.y, self.z])[chosen], heading, speed)
+
+    def _at_one_place(self, identity: str, where: str, t: Array, chosen: IntArray) -> None:
+        """Refuse fixes of one identity at one time that no receiver's noise explains: two targets of one name."""
+        if len(chosen) == len(t):
+            return
+        p = np.column_stack([self.x, self.y])
+        apart = np.linalg.norm(p - p[chosen][np.searchsorted(t[chosen], t)], axis=1)
+        k = int(np.argmax(apart))
+        if apart[k] > _SAME_PLACE_M:
+            raise DataError(
+                f"{where}: track {identity!r} is at two places at {t[k]:.10g} s, {apart[k]:.4g} m apart; "
+                "different targets need different names"
+            )
 
 
 def tracks_from_fixes(

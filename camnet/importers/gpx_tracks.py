@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from camnet.errors import DataError
-from camnet.importers._clock import iso_seconds
+from camnet.importers._clock import Clock
 from camnet.importers._reading import Place, number, parse_xml
 from camnet.importers.fixes import Fixes, TrackOptions, tracks_from_fixes
 from camnet.importers.geodesy import latitude, longitude
@@ -41,6 +41,7 @@ class _GpxReader:
     name: str = ""
     track: Fixes | None = None
     point: dict[str, float] | None = None
+    clock: Clock = field(default_factory=Clock)
 
     def start(self, tag: str, attributes: dict[str, str], where: Place) -> None:
         """Open a track or a point."""
@@ -59,7 +60,7 @@ class _GpxReader:
         """Take what an element held."""
         if self.point is not None:
             if tag == "time":
-                self.point["time"] = iso_seconds(text, where, "<time>")
+                self.point["time"] = self.clock.iso(text, where, "<time>")
             elif tag == "ele":
                 self.point["ele"] = number(text, where, "<ele>")
             elif tag == "trkpt":

@@ -12,6 +12,7 @@ The image size is not in the file and has to be given.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +28,9 @@ __all__ = ["KrtdCamera", "read_krtd", "read_krtd_folder"]
 
 _ORTHONORMAL_TOLERANCE = 1e-3
 _OPENCV_LENGTHS = (0, 4, 5, 8, 12, 14)  # the numbers of distortion coefficients that OpenCV accepts
+
+#: widest view: image size over focal length (170 degrees); lens models end before
+_WIDEST = 2.0 * math.tan(math.radians(85.0))
 
 Row = tuple[int, list[float]]
 
@@ -133,6 +137,10 @@ def _rotation(where: str, r: Array) -> Array:
     return np.asarray(u @ vt)
 
 
+def _degrees(focal: float, size: float) -> float:
+    return 2.0 * math.degrees(math.atan(0.5 * size / focal))
+
+
 def _intrinsics(where: str, k: Array, distortion: list[float], width_px: int, height_px: int) -> Intrinsics:
     if width_px <= 0 or height_px <= 0:
         raise DataError(
@@ -142,9 +150,14 @@ def _intrinsics(where: str, k: Array, distortion: list[float], width_px: int, he
         raise DataError(f"{where}: K is {k.tolist()}; an upper triangle with last row 0 0 1 was expected")
     if k[0, 1] != 0:
         raise DataError(f"{where}: K has skew {k[0, 1]:g}; only cameras without skew (0) are supported")
-    for name, value in (("fx", k[0, 0]), ("fy", k[1, 1])):
+    for name, value, size in (("fx", k[0, 0], width_px), ("fy", k[1, 1], height_px)):
         if value <= 0:
             raise DataError(f"{where}: {name} is {value:g}; a positive focal length in pixels was expected")
+        if value < size / _WIDEST:
+            raise DataError(
+                f"{where}: {name} is {value:g}, a view of {_degrees(value, size):.1f} degrees across {size} px; a "
+                f"focal length in pixels, for less than {_degrees(1.0, _WIDEST):.0f} degrees, was expected"
+            )
     for name, value, size in (("cx", k[0, 2], width_px), ("cy", k[1, 2], height_px)):
         if not 0 < value < size:
             raise DataError(f"{where}: {name} is {value:g}; the image ends at {size} px: is its size right?")

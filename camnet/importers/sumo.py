@@ -22,10 +22,11 @@ import numpy as np
 
 from camnet.errors import ConfigError, DataError
 from camnet.geometry.settings import Road
-from camnet.importers._reading import open_binary, parse_xml
+from camnet.importers._reading import number, open_binary, parse_xml
+from camnet.importers.sumo_checks import check_network
 from camnet.types import Array
 
-__all__ = ["SumoEdge", "SumoNetwork", "read_sumo_network", "roads_of", "run_sumo"]
+__all__ = ["SumoEdge", "SumoNetwork", "network_file", "read_sumo_network", "roads_of", "run_sumo"]
 
 _INSTALL = "install the extra: pip install 'camnet[sumo]'"
 _SHOWN_ERROR_LINES = 5
@@ -69,14 +70,14 @@ def read_sumo_network(path: str | Path) -> SumoNetwork:
     ConfigError
         ``sumolib`` is not installed.
     DataError
-        The file is not a SUMO network, or has no street for cars.
+        The file is not a SUMO network, breaks a rule of `camnet.importers.sumo_checks`, or has no street for cars.
     """
     try:
         import sumolib
     except ImportError:
         raise ConfigError(f"{path}: reading a SUMO network needs sumolib; {_INSTALL}") from None
     path = Path(path)
-    parse_xml(path, "net", lambda *_: None)  # faults of the XML itself, with their line
+    check_network(path)
     try:
         net = sumolib.net.readNet(str(path))
     except Exception as error:  # sumolib lets anything through: KeyError, ValueError, AttributeError, ...
@@ -157,6 +158,15 @@ def run_sumo(
     return out
 
 
+def network_file(config: Path) -> Path:
+    """Return the network that a ``.sumocfg`` names."""
+    element = _scenario(config)[0].find(".//net-file")
+    name = None if element is None else element.get("value")
+    if not name:
+        raise DataError(f"{config}: net-file is missing: the scenario names its .net.xml there")
+    return config.parent / name
+
+
 def _for_cars(edge: Any) -> bool:  # noqa: ANN401 (sumolib has no types)
     return bool(edge.getFunction() in ("", "normal") and edge.allows("passenger"))
 
@@ -224,10 +234,7 @@ def _scenario(config: Path) -> tuple[ET.ElementTree[ET.Element], float]:
         tree = ET.parse(stream)
     begin = tree.find(".//begin")
     text = "0" if begin is None else begin.get("value", "0")
-    try:
-        return tree, float(text)
-    except ValueError:
-        raise DataError(f"{config}: <begin> is {text!r}; seconds were expected") from None
+    return tree, number(text, str(config), "<begin>")
 
 
 def _stage_inputs(config: Path, tree: ET.ElementTree[ET.Element], stage: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from camnet.settings import NonNegative, Positive, Settings, Vector2, Vector3
+from camnet.settings import Finite, NonNegative, Positive, Settings, Vector2, Vector3
 
 __all__ = ["RoadTarget", "TargetClass", "TargetSettings", "TrackTarget", "VectorFieldTarget"]
 
@@ -40,7 +40,7 @@ class RoadTarget(Settings):
 
     kind: Literal["road"]
     road: str
-    speed_mps: tuple[float, float] = (0.3, 0.4)
+    speed_mps: tuple[Finite, Finite] = (0.3, 0.4)
     start_arc_m: NonNegative | None = None
     lateral_std_m: NonNegative = 0.0
 
@@ -57,7 +57,7 @@ class TrackTarget(Settings):
     file: Path
     format: Literal["csv", "gpx", "fcd", "eth"] = "csv"
     id: str | None = None
-    height_m: float = 0.0
+    height_m: Finite = 0.0
     origin: Vector3 | None = None
     start_s: NonNegative = 0.0
     frame_dt_s: Positive = 0.04
@@ -77,9 +77,9 @@ class TargetSettings(Settings):
     name: str
     motion: TargetClass
     start_m: Vector2 | None = None
-    start_heading_rad: float | None = None
+    start_heading_rad: Finite | None = None
     size_m: Vector3 = (0.35, 0.35, 0.3)
-    features_m: tuple[Vector3, ...] = (
+    features_m: Annotated[tuple[Vector3, ...], Field(max_length=1000)] = (
         (0.12, 0.12, 0.3),
         (0.12, -0.12, 0.3),
         (-0.12, -0.12, 0.3),

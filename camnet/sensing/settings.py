@@ -78,7 +78,7 @@ class SensingSettings(Settings):
     orientation_noise_rad: NonNegative = 0.01
     latency_s: NonNegative = 0.0
     dropout_probability: Fraction = 0.0
-    regression_samples: Annotated[int, Field(ge=3)] = 20
+    regression_samples: Annotated[int, Field(ge=3, le=10_000)] = 20
     regression_degree: Literal[1, 2] = 1
     features: FeatureSettings = FeatureSettings()
     image: ImageSettings = ImageSettings()

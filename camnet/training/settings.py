@@ -10,7 +10,8 @@ from camnet.settings import Fraction, NonNegative, Positive, Settings
 
 __all__ = ["TrainSettings"]
 
-_Count = Annotated[int, Field(gt=0)]
+_Count = Annotated[int, Field(gt=0, le=10_000_000_000)]
+_Size = Annotated[int, Field(gt=0, le=100_000)]
 
 
 class TrainSettings(Settings):
@@ -29,23 +30,23 @@ class TrainSettings(Settings):
 
     worlds: tuple[str, ...] = ("quickstart",)
     steps: _Count = 4_000_000
-    environments: _Count = 64
-    max_cycles: _Count = 1200
+    environments: _Size = 64
+    max_cycles: _Size = 1200
     estimator: str = "learned"
     residual_of: Literal["learned"] | None = "learned"
     residual_scale: Annotated[float, Field(gt=0, le=2)] = 0.3
     teacher: str = "learned"
-    imitation_steps: Annotated[int, Field(ge=0)] = 200_000
-    imitation_epochs: _Count = 20
-    hidden: tuple[_Count, ...] = (64, 64)
-    rollout_steps: _Count = 128
+    imitation_steps: Annotated[int, Field(ge=0, le=10_000_000_000)] = 200_000
+    imitation_epochs: _Size = 20
+    hidden: Annotated[tuple[Annotated[int, Field(gt=0, le=4096)], ...], Field(max_length=16)] = (64, 64)
+    rollout_steps: _Size = 128
     chunk_steps: _Count = 500_000
     minibatch: _Count = 4096
-    epochs: _Count = 4
+    epochs: _Size = 4
     learning_rate: Positive = 1e-4
     discount: Fraction = 0.99
     gae_lambda: Fraction = 0.95
     clip: Positive = 0.2
     entropy: NonNegative = 0.0
-    log_std: float = -2.0
-    threads: _Count = 2
+    log_std: Annotated[float, Field(ge=-20, le=5)] = -2.0
+    threads: Annotated[int, Field(gt=0, le=1024)] = 2

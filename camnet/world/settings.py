@@ -71,8 +71,8 @@ class PhysicsSettings(Settings):
     """
 
     backend: Literal["pybullet"] = "pybullet"
-    step_hz: Annotated[int, Field(gt=0)] = 240
-    flight_hz: Annotated[int, Field(gt=0)] | None = None
+    step_hz: Annotated[int, Field(gt=0, le=100_000)] = 240
+    flight_hz: Annotated[int, Field(gt=0, le=100_000)] | None = None
     gravity_mps2: NonNegative = 9.81
     actuation: Literal["quadrotor", "kinematic"] = "quadrotor"
     disturbance: NonNegative = 0.02

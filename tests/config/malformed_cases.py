@@ -137,6 +137,18 @@ WORLD_FILES = [
     _raw("broken yaml", "name: yard\ncameras: [}\n", "world.yaml:2", "YAML"),
     _raw("tab as indentation", "name: yard\nrun:\n\tduration_s: 3\n", "world.yaml:3", "YAML"),
     _raw("python tag", WORLD + "description: !!python/name:os.system x\n", "description", "python/name"),
+    _raw("zero byte", WORLD + "\0", "YAML", "#x0000"),
+    _raw("larger than settings are", WORLD + "#" * 4_000_000, "larger than 4,000,000 bytes"),
+    _raw("nested deeply", "name: " + "[" * 100_000 + "\n", "world.yaml:1", "nested"),
+    _raw(
+        "aliases of aliases",
+        "a: &a [x, x, x, x, x, x, x, x, x]\n"
+        + "".join(
+            f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+        ),
+        "world.yaml:",
+        "at most 200000 values",
+    ),
     _raw("alias of itself", "name: &a [*a]\n", "world.yaml:1", "alias"),
     _world(
         "key twice", "    far_m: 8.0\n", "    far_m: 8.0\n    far_m: 9.0\n", "world.yaml:7", "far_m", "twice"
@@ -356,6 +368,32 @@ WORLD_FILES = [
 ]
 
 OVERRIDES = [
+    _set("steps without end", "handoff.rollout_dt_s=1e-9", "rollout_dt_s", "1e-09", "4e+10", "10,000"),
+    _set("run without end", "run.duration_s=1e9", "run.duration_s", "2.4e+11", "1,000,000,000"),
+    _set("log without end", "run.duration_s=100000", "run.duration_s", "1.57e+08", "100,000,000"),
+    _set("number beyond sense", "run.duration_s=1e18", "run.duration_s", "1e+18", "1000000000"),
+    _set("late by years", "sensing.latency_s=1e7", "sensing.latency_s", "3e+08", "100,000"),
+    _set(
+        "stack of terabytes",
+        "estimator={stack: {size: 20000}, basis: {max_kernels: 4000}}",
+        "size",
+        "8.192e+09",
+    ),
+    _set("more kernels than memory", "estimator.basis.max_kernels=1000000", "max_kernels", "1000000", "4000"),
+    _set("seed of ninety digits", f"seed={'9' * 90}", "seed", "9007199254740992"),
+    _set("octal or decimal", "seed=017", "seed", "'017'", "octal"),
+    _set("digits in groups", "seed=1_000", "seed", "'1_000'", "whole number"),
+    _set("sexagesimal", "run.duration_s=1:30", "run.duration_s", "'1:30'", "number"),
+    _set("decimal comma", "run.duration_s=1,5", "run.duration_s", "'1,5'", "number"),
+    _set(
+        "image of a billion pixels",
+        "cameras.0.intrinsics.width_px=1000000000",
+        "width_px",
+        "1000000000",
+        "20000",
+    ),
+    _set("view of half a turn", "cameras.0.intrinsics.fx_px=1", "fx_px", "179.6 degrees", "170 degrees"),
+    _set("target in centimetres", "targets.robot.start_m=[420, -60]", "start_m", "420", "far from the world"),
     _set("override without a value", "run.duration_s", "run.duration_s", "KEY=VALUE"),
     _set("override without a key", "=3", "'=3'", "KEY=VALUE"),
     _set("override of an unknown key", "run.duration=3", "run.duration", "value 3:", "duration_s"),
@@ -397,6 +435,51 @@ OVERRIDES = [
 ]
 
 TRACKS = [
+    _track(
+        "track in centimetres",
+        TRACK.replace("4.5", "450").replace("4,0", "400,0").replace("5,0", "500,0"),
+        "away",
+    ),
+    _track(
+        "track with a decimal comma",
+        TRACK.replace("a,1,4.5,0", 'a,1,"4,5",0'),
+        "walk.csv, line 3",
+        "'4,5'",
+        "comma",
+    ),
+    _track(
+        "track with groups of digits",
+        TRACK.replace("4.5", "1_000"),
+        "walk.csv, line 3",
+        "'1_000'",
+        "separators",
+    ),
+    _track("track in other digits", TRACK.replace("4.5", "\u0664"), "walk.csv, line 3", "\u0664", "0 to 9"),
+    _track(
+        "track in milliseconds", TRACK.replace("a,1,", "a,1583000000000,"), "walk.csv, line 3", "milliseconds"
+    ),
+    _track("track at two places", TRACK + "a,2,90,0\n", "walk.csv", "'a'", "two places", "85 m"),
+    _track(
+        "identity misspelt", TRACK.replace("id,", "trak_id,"), "walk.csv, line 1", "'trak_id'", "'track_id'"
+    ),
+    MalformedCase(
+        "gpx with latitude and longitude swapped",
+        ("walk.gpx", "km from the origin", "swapped"),
+        {
+            "world.yaml": GPX_WORLD,
+            "walk.gpx": GPX.replace("lat=", "l=").replace("lon=", "lat=").replace("l=", "lon="),
+        },
+    ),
+    MalformedCase(
+        "gpx with mixed times",
+        ("walk.gpx, line 3", "'2020-01-01T00:00:10'", "without a time zone"),
+        {"world.yaml": GPX_WORLD, "walk.gpx": GPX.replace("10Z", "10")},
+    ),
+    MalformedCase(
+        "gpx with entities",
+        ("walk.gpx, line 1", "entity", "'a'"),
+        {"world.yaml": GPX_WORLD, "walk.gpx": '<!DOCTYPE gpx [<!ENTITY a "aaaa">]>' + GPX},
+    ),
     MalformedCase(
         "track file missing",
         ("targets[0].motion.file", "walk.csv", "no such file"),

@@ -80,7 +80,7 @@ def test_detectors_lie_on_their_lanes(tmp_path: Path):
     table.write_text("name,x,y,cost\na,1,2,3\n")
     assert read_sensor_table(table)[0].cost == 3.0
     table.write_text("name,x\na,1\n")
-    with pytest.raises(DataError, match="header"):
+    with pytest.raises(DataError, match="name, x, y, each once"):
         read_sensor_table(table)
 
 

@@ -65,7 +65,7 @@ def test_a_wrong_network_is_a_data_error(tmp_path: Path) -> None:
         ('<net version="1.20"/>', "has no edge that passenger cars may use"),
         (
             '<net version="1.20"><edge id="a" from="b" to="c"><lane/></edge></net>',
-            "not a SUMO network that sumolib can read",
+            "<lane> has no attribute id; it has none",
         ),
     ]:
         path.write_text(text)

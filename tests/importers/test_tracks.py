@@ -151,11 +151,15 @@ def test_gpx_heights_are_used_on_request_only(tmp_path: Path) -> None:
 
 
 def test_rows_are_sorted_and_repeated_times_dropped(tmp_path: Path) -> None:
-    text = "t,x,y\n2,20,0\n0,0,0\n2,99,0\n1,10,0\n"
+    text = "t,x,y\n2,20,0\n0,0,0\n2,29,0\n1,10,0\n"
     (track,) = read_tracks(written(tmp_path, text), "csv")
     np.testing.assert_array_equal(track.p_world[:, 0], [0, 10, 20])
     with pytest.raises(DataError, match=r"steps back in time from 2\.0 to 0\.0 s"):
         read_tracks(written(tmp_path, text), "csv", TrackOptions(order="error"))
+    with pytest.raises(
+        DataError, match=r"two places at 2 s, 79 m apart; different targets need different names"
+    ):
+        read_tracks(written(tmp_path, text.replace("29", "99")), "csv")
 
 
 @given(st.lists(st.floats(0.1, 50), min_size=1, max_size=40), st.floats(1, 30))
@@ -190,7 +194,7 @@ FAULTS = [
     ("csv", "id,t,x,y", "id,tt,x,y", r"line 1: no time among the columns \['id', 'tt', 'x', 'y'\]"),
     ("csv", "id,t,x,y", "id,t,x,q", r"line 1: no position among"),
     ("csv", "id,t,x,y", "id,t,x,x", r"line 1: the columns 'x' and 'x' mean the same"),
-    ("csv", "a,1,2,3", "a,1,2", r"line 3: 3 fields \['a', '1', '2'\]; the header has 4"),
+    ("csv", "a,1,2,3", "a,1,2", r"line 3: 3 fields 'a,1,2'; the header has 4"),
     ("csv", "a,1,2,3", "a,1,two,3", r"line 3: x is 'two'; a decimal number"),
     ("csv", "a,1,2,3", "a,1,inf,3", r"line 3: x is 'inf'; a finite number"),
     ("csv", "a,1,2,3", "a,yesterday,2,3", r"line 3: t is 'yesterday'"),

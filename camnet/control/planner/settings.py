@@ -10,7 +10,7 @@ from camnet.settings import NonNegative, Positive, Settings
 
 __all__ = ["PlannerSettings"]
 
-_Count = Annotated[int, Field(gt=0)]
+_Count = Annotated[int, Field(gt=0, le=100_000)]
 
 
 class PlannerSettings(Settings):

@@ -32,11 +32,11 @@ class FlowSettings(Settings):
 
     spacing_m: Positive = 20.0
     width_m: Positive = 15.0
-    headings: Annotated[int, Field(gt=0)] = 4
+    headings: Annotated[int, Field(gt=0, le=360)] = 4
     window_s: Positive = 30.0
     regularisation: Positive = 30.0
     step_s: Positive = 5.0
-    refit_after: Annotated[int, Field(gt=0)] = 100
+    refit_after: Annotated[int, Field(gt=0, le=1_000_000)] = 100
     learn_across: bool = True
     prior: bool = True
     prior_memory_s: Positive = 20.0
@@ -66,14 +66,14 @@ class CrossingSettings(Settings):
     ``information``: ``exit`` uses what was known when the target left view; ``now`` also what others taught since.
     """
 
-    neighbours: Annotated[int, Field(gt=0)] = 50
+    neighbours: Annotated[int, Field(gt=0, le=100_000)] = 50
     position_scale_m: Positive = 7.0
     velocity_scale_mps: Positive = 1.1
     log_time_scale: Positive = 0.45
     same_target_bonus: NonNegative = 1.5
     recency_bonus: NonNegative = 1.0
     recency_s: Positive = 7200.0
-    bandwidth_rank: Annotated[int, Field(gt=0)] = 3
+    bandwidth_rank: Annotated[int, Field(gt=0, le=100_000)] = 3
     bandwidth_floor: Positive = 1.0
     carry: Fraction = 0.5
     learn_reversed: bool = True
@@ -86,7 +86,7 @@ class CrossingSettings(Settings):
     mode_width_m: Positive = 20.0
     information: Literal["exit", "now"] = "exit"
     coverage: Annotated[float, Field(gt=0, lt=1)] = 0.9
-    calibration_size: Annotated[int, Field(gt=0)] = 300
+    calibration_size: Annotated[int, Field(gt=0, le=1_000_000)] = 300
     velocity_window_s: Positive = 60.0
     filter: FixFilterSettings = FixFilterSettings()
     flow: FlowSettings = FlowSettings()
