@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -68,8 +69,10 @@ def estimator_of(name: str) -> str:
     if _is_file(name):
         return load_policy(Path(name)).header.filter_name
     if name not in AGENTS:
+        close = difflib.get_close_matches(name, AGENTS, 1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
         raise ConfigError(
-            f"agent {name!r}: unknown; known are {', '.join(AGENTS)}, and policy files by name (*.npz)"
+            f"agent {name!r}: unknown: {hint}known are {', '.join(AGENTS)}, and policy files by name (*.npz)"
         )
     return _ESTIMATOR.get(name, name)
 

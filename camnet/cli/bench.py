@@ -36,7 +36,8 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser = commands.add_parser(
         "bench",
         help="speed against named baselines",
-        description=f"Measure speed against a baseline that runs beside it.\n\n{listing}",
+        description="Measure speed, always against a baseline that runs beside it; prints JSON.\n\n"
+        f"{listing}\n\n  camnet bench history-selection --out runs/speed",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("benchmark", choices=BENCHMARKS, metavar="BENCHMARK", help="one of the names above")

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.common import add_common, overrides, positive, progress_bar, say
+from camnet.cli.arguments import non_negative
+from camnet.cli.common import add_common, overrides, positive, progress_bar, say, warn
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
 
 __all__ = ["add_parser", "add_target_class", "learned_model", "read_tracks"]
@@ -58,7 +59,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     site.add_argument(
         "--fix-error",
-        type=_non_negative,
+        type=non_negative,
         metavar="M",
         help="bound of a recorded fix's error, m (default: calibrated by the earliest quarter of the fixes)",
     )
@@ -72,11 +73,6 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     add_target_class(parser)
     parser.set_defaults(run=run)
-
-
-def _non_negative(text: str) -> float:
-    """Parse a finite number >= 0, for argparse."""
-    return 0.0 if text.strip() in ("0", "0.0") else positive(text)
 
 
 def add_target_class(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         },
     )
     for words in content.get("warnings", []):
-        say(f"warning: {words}")
+        warn(words)
     if folder is not None:
         with whole_folder(folder) as temporary:
             write_json(temporary / "certificate.json", content)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,19 +10,92 @@ from typing import Any
 
 from tqdm import tqdm
 
-__all__ = ["add_common", "add_scenario", "overrides", "positive", "progress_bar", "say"]
+from camnet.cli.arguments import MAX_SEED, positive, seed, seeds
+from camnet.cli.messages import LEVELS, say, warn
+from camnet.errors import ConfigError
+
+__all__ = [
+    "add_common",
+    "add_messages",
+    "add_scenario",
+    "add_seeds",
+    "add_set",
+    "named_seeds",
+    "overrides",
+    "positive",
+    "progress_bar",
+    "say",
+    "warn",
+]
 
 
-def add_common(parser: argparse.ArgumentParser) -> None:
-    """Add ``--json --out --seed --force --quiet``."""
+def add_common(parser: argparse.ArgumentParser, out: str = "nothing is written") -> None:
+    """Add ``--json --out --seed --force --quiet --log-level``; ``out`` says what is written without ``--out``."""
     group = parser.add_argument_group("common options")
     group.add_argument("--json", action="store_true", help="print one JSON object on standard output")
-    group.add_argument("--out", metavar="DIR", help="folder to write (default: runs/<name>-seed<seed>)")
+    group.add_argument("--out", metavar="DIR", help=f"folder to write (default: {out})")
     group.add_argument(
-        "--seed", type=int, metavar="N", help="fixes everything random (default: the file's, else 0)"
+        "--seed",
+        type=seed,
+        metavar="N",
+        help="fixes everything random, from 0 on (default: the file's, else 0)",
     )
     group.add_argument("--force", action="store_true", help="replace --out if it holds something already")
-    group.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_messages(group)
+
+
+def add_messages(parser: argparse._ActionsContainer) -> None:
+    """Add ``--quiet`` and ``--log-level``."""
+    parser.add_argument("--quiet", action="store_true", help="on standard error only warnings and errors")
+    parser.add_argument(
+        "--log-level",
+        choices=LEVELS,
+        default="warning",
+        metavar="LEVEL",
+        help=f"least severe message of the library to show: {', '.join(LEVELS)} (default: warning)",
+    )
+
+
+def add_seeds(parser: argparse.ArgumentParser, words: str) -> None:
+    """Add ``--seeds``, which means the same in every command."""
+    parser.add_argument(
+        "--seeds",
+        type=seeds,
+        metavar="SEEDS",
+        help=f"{words}: a count (10: ten seeds, from --seed on), a range (1-10) or a list (1,4,9-12)",
+    )
+
+
+def named_seeds(args: argparse.Namespace, default: int = 0) -> tuple[int, ...]:
+    """Return the seeds of ``--seeds``; a count starts at ``--seed``, or at ``default`` without it.
+
+    Raises
+    ------
+    ConfigError
+        ``--seeds`` names its seeds and ``--seed`` is given too.
+    """
+    if args.seeds.count is None and args.seed is not None:
+        raise ConfigError(
+            f"--seed {args.seed} and --seeds {args.seeds.text}: the seeds are named already; leave --seed out"
+        )
+    numbers: tuple[int, ...] = args.seeds.numbers(default if args.seed is None else args.seed)
+    if numbers[-1] > MAX_SEED:
+        raise ConfigError(
+            f"--seeds {args.seeds.text}: seed {numbers[-1]} is too large; seeds end at {MAX_SEED}"
+        )
+    return numbers
+
+
+def add_set(parser: argparse.ArgumentParser) -> None:
+    """Add ``--set``."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="overrides",
+        help="change one setting, e.g. --set targets.robot.motion.speed_mps=0.5 (repeatable; keys: camnet worlds NAME)",
+    )
 
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -31,32 +103,26 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "config", help="a recipe or world file, a folder with world.yaml, or a shipped world's name"
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="overrides",
-        help="change one setting, e.g. --set targets.robot.motion.speed_mps=0.5 (repeatable)",
-    )
+    add_set(parser)
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated length, s (run.duration_s)")
 
 
 def overrides(args: argparse.Namespace) -> list[str]:
-    """All overrides of the command line as ``key=value``."""
-    extra = [] if args.duration is None else [f"run.duration_s={args.duration:g}"]
-    return [*args.overrides, *extra]
+    """All overrides of the command line as ``key=value``.
 
-
-def positive(text: str) -> float:
-    """Parse a positive finite number, for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give a positive number") from None
-    if not (value > 0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"{text!r} is not positive; give a positive number")
-    return value
+    Raises
+    ------
+    ConfigError
+        ``--duration`` and ``--set run.duration_s`` are both given.
+    """
+    if args.duration is None:
+        return list(args.overrides)
+    for text in args.overrides:
+        if text.partition("=")[0].strip() == "run.duration_s":
+            raise ConfigError(
+                f"--duration {args.duration:g} and --set {text}: both set run.duration_s; give one"
+            )
+    return [*args.overrides, f"run.duration_s={args.duration!r}"]
 
 
 @contextmanager
@@ -73,8 +139,3 @@ def progress_bar(total: float, words: str, unit: str, quiet: bool) -> Iterator[A
             bar.update(done - bar.n)
 
         yield advance
-
-
-def say(words: str) -> None:
-    """Tell the person at the terminal something (standard error; standard output is for results)."""
-    print(words, file=sys.stderr, flush=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
+from camnet.cli.arguments import whole
 from camnet.cli.certify import add_target_class, read_tracks
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
@@ -57,17 +58,16 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         help="of candidates, m (default: 50 along roads, half a view on tracks)",
     )
     parser.add_argument(
-        "--count", type=int, metavar="K", help="use at most K cameras, with the largest margin"
+        "--count", type=whole(1, 100_000), metavar="K", help="use at most K cameras, with the largest margin"
     )
     parser.add_argument(
         "--footprint", type=positive, default=30.0, metavar="M", help="side of a camera's view, m"
     )
     parser.add_argument(
         "--most",
-        type=int,
-        default=10,
+        type=whole(0, 100_000),
         metavar="N",
-        help="--repair: look for changes of poses at N transitions",
+        help="--repair: look for changes of poses at N transitions (default 10)",
     )
     parser.add_argument("--time-limit", type=positive, default=60.0, metavar="S", help="of the solver, s")
     add_target_class(parser)
@@ -123,7 +123,14 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
         "spacing_m": args.spacing or 50.0,
     }
     if args.repair is not None:
-        return repair_roads(args.roads, args.repair, target, **roads, **shared, most_poses=args.most), None
+        return repair_roads(
+            args.roads,
+            args.repair,
+            target,
+            **roads,
+            **shared,
+            most_poses=10 if args.most is None else args.most,
+        ), None
     designed = design_roads(args.roads, target, **roads, **shared, **aim)
     return designed.report, designed
 

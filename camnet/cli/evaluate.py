@@ -6,8 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from camnet.cli.common import add_common, positive, progress_bar, say
+from camnet.cli.arguments import whole
+from camnet.cli.common import add_common, add_set, positive, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, write_json
+from camnet.cli.parser import suggestion
 
 __all__ = ["add_parser"]
 
@@ -35,15 +37,22 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     parser.add_argument(
         "--world",
-        required=True,
+        default="quickstart",
         metavar="W,W",
-        help="worlds, or registered ids such as camnet/Handoff-Failures-v0, comma-separated",
+        help="worlds, or registered ids such as camnet/Handoff-Failures-v0, comma-separated (default quickstart)",
     )
-    parser.add_argument("--agents", required=True, metavar="A,A", help="agents, comma-separated")
-    parser.add_argument("--episodes", type=int, default=20, metavar="N", help="episodes a world (default 20)")
+    parser.add_argument(
+        "--agents",
+        default="learned,ekf,nearest",
+        metavar="A,A",
+        help="agents, comma-separated (default learned,ekf,nearest)",
+    )
+    parser.add_argument(
+        "--episodes", type=whole(1, 100_000), default=20, metavar="N", help="episodes a world (default 20)"
+    )
     parser.add_argument(
         "--cycles",
-        type=int,
+        type=whole(1, 1_000_000),
         default=1200,
         metavar="N",
         help="decisions an episode (default 1200: 120 s at 10 Hz)",
@@ -57,15 +66,13 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         default="auto",
         help="physics (default auto: the batch back end where it has everything that is asked for)",
     )
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
+    parser.add_argument("--jobs", type=whole(1, 256), default=2, metavar="N", help="processes (default 2)")
     parser.add_argument(
         "--cutoff", type=positive, default=2.0, metavar="M", help="cutoff of OSPA and GOSPA, m (default 2)"
     )
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides", help="change one setting"
-    )
+    add_set(parser)
     parser.add_argument("--videos", action="store_true", help="film the reference's best and worst episode")
-    add_common(parser)
+    add_common(parser, "runs/evaluate-seedN; the same command goes on there")
     parser.set_defaults(run=run)
 
 
@@ -96,15 +103,14 @@ def _plan(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     from camnet.evaluation.evaluate import Plan
     from camnet.evaluation.play import Match
 
-    for name in ("episodes", "cycles", "jobs"):
-        if getattr(args, name) < 1:
-            raise ConfigError(f"--{name} {getattr(args, name)}: give a number from 1 on")
     worlds, agents = _names(args.world, "--world"), _names(args.agents, "--agents")
     for agent in agents:
         estimator_of(agent)
     reference = args.reference or agents[0]
     if reference not in agents:
-        raise ConfigError(f"--reference {reference!r}: is not among --agents {args.agents}")
+        raise ConfigError(
+            f"--reference {reference!r}: is not among --agents {args.agents}; {suggestion(reference, agents)}"
+        )
     matches = [
         Match(agent, world, args.cycles, args.cutoff, tuple(args.overrides))
         for world in worlds

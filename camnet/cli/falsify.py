@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
+from camnet.cli.arguments import whole
 from camnet.cli.certify import learned_model, world_of
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
@@ -37,7 +38,11 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--duration", type=positive, metavar="S", help="length of the run that --learn simulates, s"
     )
     parser.add_argument(
-        "--trials", type=int, default=1000, metavar="N", help="simulated targets (default 1000)"
+        "--trials",
+        type=whole(1, 10_000_000),
+        default=1000,
+        metavar="N",
+        help="simulated targets (default 1000)",
     )
     parser.add_argument("--learn", action="store_true", help="learn the motion in simulation first")
     parser.add_argument(
@@ -52,12 +57,9 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
 
 def run(args: argparse.Namespace) -> int:
     """Load, attack, write."""
-    from camnet.errors import ConfigError
     from camnet.experiments.falsify import falsify_world
     from camnet.experiments.learned_model import save_models
 
-    if args.trials < 1:
-        raise ConfigError(f"--trials {args.trials}: at least 1 was expected")
     scenario = world_of(args)
     folder = None if args.out is None else choose_folder(args.out, "", args.force)
     model = learned_model(args, scenario)

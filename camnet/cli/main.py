@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
@@ -25,6 +24,8 @@ from camnet.cli import (  # noqa: E402
     train,
     worlds,
 )
+from camnet.cli.messages import configure  # noqa: E402
+from camnet.cli.parser import Parser  # noqa: E402
 from camnet.errors import CamnetError, SimulationError  # noqa: E402
 
 __all__ = ["build_parser", "main"]
@@ -32,19 +33,21 @@ __all__ = ["build_parser", "main"]
 _EPILOG = """examples:
   camnet worlds                                     what ships with camnet
   camnet simulate quickstart --out runs/first       simulate, learn, hand off; writes a report
+  camnet report runs/first                          draw the report again
   camnet certify quickstart                         how long may the target stay unseen?
   camnet design --roads city.net.xml --off-max 120  the fewest cameras that certify a city
-  camnet report runs/first                          draw the report again
+  camnet evaluate --episodes 20                     agents against each other on the same episodes
+
+camnet COMMAND --help teaches a command. Exit status: 0 success, 1 failure, 2 bad input.
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """Return the parser of the whole program."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="camnet",
         description="Simulate, certify and train camera networks that hand targets over.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"camnet {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -66,8 +69,16 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status."""
-    args = build_parser().parse_args(argv)
+    """Run one command and return its exit status; without any words, show the help."""
+    parser = build_parser()
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words:
+        parser.print_help()
+        return 0
+    args = parser.parse_args(words)
+    if args.quiet and args.log_level in ("debug", "info"):
+        parser.error(f"--quiet and --log-level {args.log_level}: give one of them")
+    configure(args.log_level, args.quiet)
     try:
         return int(args.run(args))
     except SimulationError as error:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.common import add_common, progress_bar, say
+from camnet.cli.common import add_common, add_seeds, named_seeds, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
 from camnet.errors import ConfigError
 
@@ -29,6 +29,7 @@ class Experiment:
     needs_data: bool = False
     function: str = "run"
     takes_data: bool = False
+    one_run: bool = False
 
 
 EXPERIMENTS = {
@@ -62,14 +63,15 @@ EXPERIMENTS = {
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
         "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",
-        1,
-        True,
+        needs_data=True,
+        one_run=True,
     ),
     "adate-visual": Experiment(
         "camnet.experiments.adate_visual",
         "a correlation tracker with AdaTE's prediction fed back (li2019; --data SEQUENCE)",
         needs_data=True,
         function="reproduce",
+        one_run=True,
     ),
     "adate-navigation": Experiment(
         "camnet.experiments.adate_navigation", "plans around obstacles through timed waypoints (li2019)", 200
@@ -92,27 +94,26 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "experiment", choices=EXPERIMENTS, metavar="EXPERIMENT", help="one of the names above"
     )
-    parser.add_argument("--seeds", type=int, metavar="K", help="number of seeds, from --seed on")
+    add_seeds(parser, "seeds of the runs (default: as many as were published)")
     parser.add_argument(
         "--data", type=Path, metavar="DIR", help="folder of recorded inputs, where one is needed"
     )
-    add_common(parser)
+    add_common(parser, "runs/reproduce-EXPERIMENT, or a number after it if that is taken")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run one experiment and write its folder."""
     experiment = EXPERIMENTS[args.experiment]
-    seeds = experiment.seeds if args.seeds is None else args.seeds
-    if seeds < 1:
-        raise ConfigError(f"--seeds {seeds}: give a whole number of at least 1")
-    options: dict[str, Any] = {"seeds": seeds, "seed": args.seed or 0}
+    options: dict[str, Any] = _seeds(args, experiment)
     if experiment.needs_data or (experiment.takes_data and args.data is not None):
         if args.data is None or not args.data.is_dir():
             raise ConfigError(
                 f"--data {args.data}: {args.experiment} needs the folder of its recorded inputs"
             )
         options["data"] = args.data
+    elif args.data is not None and not experiment.takes_data:
+        raise ConfigError(f"--data {args.data}: {args.experiment} reads no recorded inputs; leave it out")
     folder = choose_folder(args.out, f"reproduce-{args.experiment}", args.force)
     module = importlib.import_module(experiment.module)
     with whole_folder(folder) as temporary:
@@ -126,3 +127,18 @@ def run(args: argparse.Namespace) -> int:
         module.print_table(result)
     say(f"wrote {folder}")
     return 0
+
+
+def _seeds(args: argparse.Namespace, experiment: Experiment) -> dict[str, int]:
+    """Return the number of seeds and the first one."""
+    if args.seeds is None:
+        return {"seeds": experiment.seeds, "seed": args.seed or 0}
+    if experiment.one_run:
+        raise ConfigError(f"--seeds {args.seeds.text}: {args.experiment} is one run; its data have no seeds")
+    numbers = named_seeds(args)
+    if numbers[-1] - numbers[0] >= len(numbers):
+        raise ConfigError(
+            f"--seeds {args.seeds.text}: experiments take consecutive seeds; give a range such as "
+            f"{numbers[0]}-{numbers[0] + len(numbers) - 1}, or a count"
+        )
+    return {"seeds": len(numbers), "seed": numbers[0]}

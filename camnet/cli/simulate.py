@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.common import add_common, add_scenario, overrides, progress_bar, say
+from camnet.cli.arguments import whole
+from camnet.cli.common import add_common, add_scenario, add_seeds, overrides, progress_bar, say, warn
 from camnet.cli.output import cache_folder, choose_folder, print_json, whole_folder, write_json
 
 __all__ = ["add_parser"]
@@ -16,7 +17,12 @@ __all__ = ["add_parser"]
 _DESCRIPTION = """Simulate a camera network: agents fly, the target moves, its motion is learned while it is seen and
 predicted while it is not, agents hand it over. Writes one folder: summary.json, handoffs.json, log.parquet (the whole
 log; pandas.read_parquet opens it), map.png, estimates.png, video.mp4, report.html.
-Ctrl-C ends a run early and leaves a valid partial one, marked as such."""
+Ctrl-C ends a run early and leaves a valid partial one, marked as such.
+
+  camnet simulate quickstart                              a shipped world (list them: camnet worlds)
+  camnet simulate my_world.yaml --out runs/mine           a world or a recipe of your own
+  camnet simulate quickstart --duration 60 --set targets.robot.motion.speed_mps=0.5
+  camnet simulate quickstart --seeds 1-10 --out runs/ten  ten runs, with a table over all of them"""
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -28,11 +34,9 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_scenario(parser)
-    add_common(parser)
-    parser.add_argument(
-        "--seeds", metavar="A-B", help="run many seeds, e.g. 1-10; a second call goes on where it stopped"
-    )
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes for --seeds (default: 2)")
+    add_common(parser, "runs/NAME-seedN, or a number after it if that is taken; with --seeds runs/NAME-seeds")
+    add_seeds(parser, "run many seeds; a second call goes on where the first stopped")
+    parser.add_argument("--jobs", type=whole(1, 256), metavar="N", help="processes for --seeds (default: 2)")
     parser.add_argument(
         "--model", metavar="FILE", help="start from learned models that --save-model wrote (run.model)"
     )
@@ -47,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from camnet.config.load import load_scenario
     from camnet.config.models import Scenario
     from camnet.config.traffic import expand_traffic
+    from camnet.errors import ConfigError
 
     # JSON is YAML: quotes keep any file name whole
     model = [] if args.model is None else [f"run.model={json.dumps(args.model)}"]
@@ -56,11 +61,12 @@ def run(args: argparse.Namespace) -> int:
         scenario = expand_traffic(scenario, cache_folder())
     if args.seeds is not None:
         return _many(args, scenario)
+    if args.jobs is not None:
+        raise ConfigError(f"--jobs {args.jobs}: one run is one process; add --seeds for many")
     folder = choose_folder(args.out, f"{scenario.name}-seed{scenario.seed}", args.force)
     if isinstance(scenario, Scenario):
         return _network(args, scenario, folder)
     from camnet.cli.simulate_recorded import run_and_write
-    from camnet.errors import ConfigError
 
     if args.save_model is not None:
         raise ConfigError(f"--save-model {args.save_model}: a recording's predictor keeps no such model")
@@ -76,8 +82,6 @@ def _many(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imp
         raise ConfigError(f"--seeds {args.seeds}: a recording is replayed once; its predictions have no seed")
     if args.save_model is not None:
         raise ConfigError(f"--save-model {args.save_model}: with --seeds there is no one model to save")
-    if args.jobs < 1:
-        raise ConfigError(f"--jobs {args.jobs}: give a whole number of at least 1")
     return run_and_write(args, scenario, Path(args.out or f"runs/{scenario.name}-seeds"))
 
 
@@ -106,12 +110,12 @@ def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # n
         _print_figures(result.summary)
     say(f"wrote {folder}" + ("" if args.no_report else f"; open {folder / 'report.html'}"))
     if result.summary["dwell"]["broken"]:
-        say(
-            f"error: in {result.summary['dwell']['broken']} intervals a certificate's condition was met and the error "
+        warn(
+            f"in {result.summary['dwell']['broken']} intervals a certificate's condition was met and the error "
             "exceeded its level all the same; an assumption of the certificate does not hold here"
         )
     if result.interrupted:
-        say(f"interrupted after {result.summary['simulated_s']:.1f} s: the run is partial and marked so")
+        warn(f"interrupted after {result.summary['simulated_s']:.1f} s: the run is partial and marked so")
     return 0
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import re
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -13,37 +12,18 @@ from typing import Any
 import numpy as np
 
 from camnet import __version__
-from camnet.cli.common import progress_bar, say
+from camnet.cli.common import named_seeds, progress_bar, say
 from camnet.cli.output import print_json, whole_folder, write_json
 from camnet.config.models import Scenario
-from camnet.errors import ConfigError
 
-__all__ = ["parse_seeds", "run_and_write"]
-
-
-def parse_seeds(text: str) -> list[int]:
-    """Parse ``1-10``, ``3`` or ``1,4,9-12``.
-
-    Raises
-    ------
-    ConfigError
-        The text is none of these.
-    """
-    seeds: list[int] = []
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d+)(?:\s*-\s*(\d+))?\s*", part)
-        low, high = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-        if high < low:
-            raise ConfigError(f"--seeds {text!r}: give numbers and ranges, such as 1-10 or 1,4,9-12")
-        seeds += range(low, high + 1)
-    return sorted(set(seeds))
+__all__ = ["run_and_write"]
 
 
 def run_and_write(args: argparse.Namespace, scenario: Scenario, folder: Path) -> int:
     """Run every seed that is not there yet, then write and print the table."""
-    seeds = parse_seeds(args.seeds)
+    seeds = list(named_seeds(args, scenario.seed))
     folder.mkdir(parents=True, exist_ok=True)
-    wanted = [s for s in seeds if not _finished(folder, scenario, s)]
+    wanted = [s for s in seeds if args.force or not _finished(folder, scenario, s)]
     if len(wanted) < len(seeds):
         say(f"{len(seeds) - len(wanted)} of {len(seeds)} seeds are there already and are kept")
     if wanted:
@@ -51,7 +31,7 @@ def run_and_write(args: argparse.Namespace, scenario: Scenario, folder: Path) ->
     context = multiprocessing.get_context("spawn")
     with progress_bar(len(seeds), "seeds", "seeds", args.quiet) as advance:
         advance(len(seeds) - len(wanted))
-        with ProcessPoolExecutor(args.jobs, mp_context=context) as pool:
+        with ProcessPoolExecutor(args.jobs or 2, mp_context=context) as pool:
             futures = [pool.submit(_one, scenario, s, str(folder / f"seed-{s}")) for s in wanted]
             for k, future in enumerate(as_completed(futures), start=1):
                 future.result()

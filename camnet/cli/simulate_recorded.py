@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from camnet import __version__
-from camnet.cli.common import progress_bar, say
+from camnet.cli.common import progress_bar, say, warn
 from camnet.cli.output import print_json, whole_folder, write_json
 from camnet.config.recorded import RecordedScenario
 from camnet.experiments.recorded import RecordedResult, run_recorded
@@ -53,7 +53,7 @@ def run_and_write(args: argparse.Namespace, scenario: RecordedScenario, folder: 
         _print(result)
     say(f"wrote {folder}")
     if result.interrupted:
-        say("interrupted: the run is partial and marked so")
+        warn("interrupted: the run is partial and marked so")
     return 0
 
 

@@ -16,7 +16,10 @@ __all__ = ["add_parser"]
 
 _DESCRIPTION = """Follow a target through a video, or a folder of images, from its box in the first image: a correlation
 tracker finds it, AdaTE filters it and its prediction is where the tracker looks next (li2019).
-Writes tracking.mp4 (annotated), overlap.png (where there is ground truth), boxes.csv and result.json."""
+Writes tracking.mp4 (annotated), overlap.png (where there is ground truth), boxes.csv and result.json.
+
+  camnet track-video walking.mp4 --box 51,53,87,290 --out runs/walking
+  camnet track-video SEQUENCE_FOLDER"""
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -33,7 +36,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "--box", metavar="X,Y,W,H", help="the target in the first image, px; needed without ground truth"
     )
-    add_common(parser)
+    add_common(parser, "runs/track-NAME, or a number after it if that is taken")
     parser.set_defaults(run=run)
 
 

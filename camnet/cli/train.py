@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from camnet.cli.arguments import whole
 from camnet.cli.common import add_common, progress_bar, say
 from camnet.cli.output import print_json, write_json
+from camnet.cli.parser import suggestion
 
 __all__ = ["add_parser"]
 
@@ -38,12 +40,12 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--world", metavar="W,W", help="worlds to train on, comma-separated (default quickstart)"
     )
     parser.add_argument(
-        "--steps", type=int, metavar="N", help="decisions of single agents (default 4,000,000)"
+        "--steps", type=whole(1, 10**12), metavar="N", help="decisions of single agents (default 4,000,000)"
     )
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides", help="change one setting"
     )
-    add_common(parser)
+    add_common(parser, "runs/train-seedN; the same command goes on there")
     parser.set_defaults(run=run)
 
 
@@ -82,20 +84,26 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _settings(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
-    import yaml
     from pydantic import ValidationError
 
     from camnet.errors import ConfigError
     from camnet.training.settings import TrainSettings
 
     values: dict[str, Any] = {}
+    short = {
+        name: option
+        for name, option, given in (("worlds", "--world", args.world), ("steps", "--steps", args.steps))
+        if given is not None
+    }
     for text in args.overrides:
         name, equals, value = text.partition("=")
         if not equals or name not in TrainSettings.model_fields:
             raise ConfigError(
-                f"--set {text!r}: give KEY=VALUE with KEY among {', '.join(TrainSettings.model_fields)}"
+                f"--set {text!r}: give KEY=VALUE; {suggestion(name, TrainSettings.model_fields)}"
             )
-        values[name] = yaml.safe_load(value)
+        if name in short:
+            raise ConfigError(f"--set {text}: {short[name]} sets this too; give one of them")
+        values[name] = _value(text, value)
     if args.world is not None:
         values["worlds"] = tuple(part.strip() for part in args.world.split(",") if part.strip())
     if args.steps is not None:
@@ -106,3 +114,14 @@ def _settings(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"training setting {where} = {first['input']!r}: {first['msg']}") from error
+
+
+def _value(text: str, value: str) -> Any:  # noqa: ANN401 - any YAML
+    import yaml
+
+    from camnet.errors import ConfigError
+
+    try:
+        return yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"--set {text}: the value is not YAML: {error}") from None

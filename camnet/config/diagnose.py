@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from camnet.config.fields import annotation_at, data_path, field_names, model_at, plain_types
+from camnet.config.fields import annotation_at, data_path, field_names, model_at, plain_types, setting_paths
 from camnet.config.units import convert, split_unit, text_with_unit
 from camnet.config.yaml_nodes import FieldPath, Node, Value, field_text
 from camnet.errors import CamnetError, ConfigError
@@ -144,12 +144,42 @@ def _unknown_key(model: type[BaseModel], root: Node, path: FieldPath) -> Problem
             hint = f"{name}: {number}" if number else repr(name)
             advice = f"unknown key {key!r}{place}: the unit here is {wanted.words}: write {hint}"
             return Problem(path, show(node.plain()), advice)
-    close = difflib.get_close_matches(key, known, 1, 0.5)
-    if close:
-        advice = f"did you mean {close[0]!r}?"
+    meant = _meant(model, root, key, known)
+    if meant:
+        advice = f"did you mean {meant!r}?"
     else:
         advice = f"known keys: {', '.join(known)}" if known else "no keys are known here"
     return Problem(path, show(node.plain()), f"unknown key {key!r}{place}: {advice}")
+
+
+def _meant(model: type[BaseModel], root: Node, key: str, known: list[str]) -> str | None:
+    """Return what a key was meant to be: a setting elsewhere of that very name, a similar one here, or elsewhere."""
+    close = difflib.get_close_matches(key, known, 1, 0.6)
+    return _elsewhere(model, root, key, 1.0) or (close[0] if close else _elsewhere(model, root, key, 0.75))
+
+
+def _elsewhere(model: type[BaseModel], root: Node, key: str, likeness: float) -> str | None:
+    """Return the dotted path of a setting elsewhere whose name, with or without its unit, is like ``key``."""
+    stem = split_unit(key)[0]
+    paths: dict[str, str] = {}
+    for path in sorted(setting_paths(model, root), key=len, reverse=True):  # the shortest path to a name wins
+        if isinstance(path[-1], str):
+            text = _written(path, root)
+            paths[path[-1]] = text
+            paths[split_unit(path[-1])[0]] = text
+    found = [m for word in (key, stem) for m in difflib.get_close_matches(word, paths, 1, likeness)]
+    return paths[found[0]] if found else None
+
+
+def _written(path: FieldPath, root: Node) -> str:
+    """Write a path as ``--set`` takes it, items of lists by their names."""
+    parts: list[str] = []
+    node: Node | None = root
+    for part in path:
+        node = None if node is None else node.child(part)
+        name = None if node is None or not isinstance(part, int) else node.child("name")
+        parts.append(str(part) if name is None else str(name.value))
+    return ".".join(parts)
 
 
 def _missing(model: type[BaseModel], root: Node, path: FieldPath) -> Problem:

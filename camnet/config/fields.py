@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from camnet.config.yaml_nodes import FieldPath, Node
 
-__all__ = ["annotation_at", "data_path", "field_names", "model_at", "plain_types"]
+__all__ = ["annotation_at", "data_path", "field_names", "model_at", "plain_types", "setting_paths"]
 
 _DISCRIMINATORS = ("kind", "type")
 
@@ -57,6 +57,41 @@ def model_at(model: type[BaseModel], path: FieldPath, root: Node) -> type[BaseMo
 def field_names(model: type[BaseModel]) -> list[str]:
     """Return the keys that a settings class knows."""
     return list(model.model_fields)
+
+
+def setting_paths(model: type[BaseModel], root: Node) -> list[FieldPath]:
+    """Return the paths of all settings that the data ``root`` has or could have; items of lists by name."""
+    paths: list[FieldPath] = []
+    for name, field in model.model_fields.items():
+        node = root.child(name)
+        for key, inner in _inner_models((name,), field.annotation, node):
+            paths += [(*key, *path) for path in setting_paths(inner, _at(root, key))]
+        paths.append((name,))
+    return paths
+
+
+def _inner_models(
+    path: FieldPath, annotation: Any, node: Node | None
+) -> list[tuple[FieldPath, type[BaseModel]]]:  # noqa: ANN401
+    """Settings classes right under a field: its own, or those of the items of its list."""
+    own = _choose_model(annotation, node)
+    if own is not None:
+        return [(path, own)]
+    found: list[tuple[FieldPath, type[BaseModel]]] = []
+    items = node.value if node is not None and isinstance(node.value, list) else []
+    for index, item in enumerate(items):
+        inner = _choose_model(_step(annotation, index, node), item)
+        if inner is not None:
+            found.append(((*path, index), inner))
+    return found
+
+
+def _at(root: Node, path: FieldPath) -> Node:
+    """Return the node at ``path``; an empty mapping where there is none."""
+    node: Node | None = root
+    for part in path:
+        node = None if node is None else node.child(part)
+    return Node({}, root.origin) if node is None else node
 
 
 def plain_types(annotation: Any) -> list[Any]:  # noqa: ANN401 - a type expression
