@@ -122,6 +122,7 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
         "on_min_s": args.on_min or 0.0,
         "spacing_m": args.spacing or 50.0,
     }
+    most = 10 if args.most is None else args.most
     if args.repair is not None:
         return repair_roads(
             args.roads,
@@ -129,7 +130,7 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
             target,
             **roads,
             **shared,
-            most_poses=10 if args.most is None else args.most,
+            most_poses=most,
         ), None
     designed = design_roads(args.roads, target, **roads, **shared, **aim)
     return designed.report, designed

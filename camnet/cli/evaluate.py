@@ -9,7 +9,6 @@ from typing import Any
 from camnet.cli.arguments import whole
 from camnet.cli.common import add_common, add_set, positive, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, write_json
-from camnet.cli.parser import suggestion
 
 __all__ = ["add_parser"]
 
@@ -108,9 +107,7 @@ def _plan(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         estimator_of(agent)
     reference = args.reference or agents[0]
     if reference not in agents:
-        raise ConfigError(
-            f"--reference {reference!r}: is not among --agents {args.agents}; {suggestion(reference, agents)}"
-        )
+        raise ConfigError(f"--reference {reference!r}: is not among --agents {args.agents}")
     matches = [
         Match(agent, world, args.cycles, args.cutoff, tuple(args.overrides))
         for world in worlds

@@ -75,9 +75,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not words:
         parser.print_help()
         return 0
-    args = parser.parse_args(words)
-    if args.quiet and args.log_level in ("debug", "info"):
-        parser.error(f"--quiet and --log-level {args.log_level}: give one of them")
+    try:
+        args = parser.parse_args(words)
+        if args.quiet and args.log_level in ("debug", "info"):
+            parser.error(f"--quiet and --log-level {args.log_level}: give one of them")
+    except SystemExit as end:  # help, version, or words that cannot be read
+        return int(end.code or 0)
     configure(args.log_level, args.quiet)
     try:
         return int(args.run(args))

@@ -32,7 +32,9 @@ class Parser(argparse.ArgumentParser):
         super().__init__(*args, **options)
 
     def parse_known_args(  # type: ignore[override] # argparse overloads it for namespaces of one's own
-        self, args: Sequence[str] | None = None, namespace: Any = None
+        self,
+        args: Sequence[str] | None = None,
+        namespace: Any = None,  # noqa: ANN401
     ) -> tuple[Any, list[str]]:
         """Parse; what is not known is an error here, where its own command can advise."""
         words = self._prepared(list(sys.argv[1:] if args is None else args))

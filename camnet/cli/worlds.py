@@ -105,12 +105,10 @@ def _size(world: Any) -> str:  # noqa: ANN401 - imported late
 
 def _table(found: list[Any]) -> None:
     width = max(len(world.name) for world in found)
-    print(
-        f"{'name':{width}s}  {'kind':10s}  {'agents':>6s}  {'cameras':>7s}  {'targets':>7s}  {'size':16s}  description"
-    )
+    print(f"{'name':{width}s}  {'kind':8s}  agents  cameras  targets  {'size':16s}  description")
     for w in found:
         print(
-            f"{w.name:{width}s}  {w.kind:10s}  {w.agents:6d}  {w.agents + w.fixed_cameras:7d}  {w.targets:7d}  "
+            f"{w.name:{width}s}  {w.kind:8s}  {w.agents:6d}  {w.agents + w.fixed_cameras:7d}  {w.targets:7d}  "
             f"{_size(w):16s}  {w.description}"
         )
     print("\ncamnet worlds NAME describes one; camnet simulate NAME runs it")

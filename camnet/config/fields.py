@@ -71,9 +71,11 @@ def setting_paths(model: type[BaseModel], root: Node) -> list[FieldPath]:
 
 
 def _inner_models(
-    path: FieldPath, annotation: Any, node: Node | None
-) -> list[tuple[FieldPath, type[BaseModel]]]:  # noqa: ANN401
-    """Settings classes right under a field: its own, or those of the items of its list."""
+    path: FieldPath,
+    annotation: Any,  # noqa: ANN401 - a type expression
+    node: Node | None,
+) -> list[tuple[FieldPath, type[BaseModel]]]:
+    """Return the settings classes right under a field: its own, or those of the items of its list."""
     own = _choose_model(annotation, node)
     if own is not None:
         return [(path, own)]

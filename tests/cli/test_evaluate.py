@@ -50,7 +50,7 @@ def test_the_table_is_whole_resumed_and_independent_of_processes(
         (["--agents", "clever"], "'clever': unknown"),
         (["--agents", "none.npz"], "none.npz: cannot be read"),
         (["--world", "atlantis"], "atlantis"),
-        (["--episodes", "0"], "--episodes 0"),
+        (["--episodes", "0"], "--episodes: '0'"),
         (["--reference", "ekf"], "--reference 'ekf'"),
         (["--agents", "static,static"], "give different names"),
     ],
