@@ -20,10 +20,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from camnet.agents.policy import AgentContext
+from camnet.compiled import cached_njit
 from camnet.control.setpoints import (
     CLIMB_MPS,
     LEAD_S,
@@ -75,7 +75,7 @@ def pack_facts(context: AgentContext) -> Array | None:
     return np.array([*facts, *loiter(region, camera, s).p_world])
 
 
-@njit(cache=True)
+@cached_njit
 def _world(o: NDArray[np.float32], i: int, f: Array) -> Triple:
     return (
         f[0] + np.float64(o[i]) * f[3],
@@ -84,7 +84,7 @@ def _world(o: NDArray[np.float32], i: int, f: Array) -> Triple:
     )
 
 
-@njit(cache=True)
+@cached_njit
 def _above(p: Triple, height: float, f: Array) -> Triple:
     """Nearest admissible point to one ``height`` above ``p``."""
     x, y, z = p[0], p[1], p[2] + height
@@ -96,20 +96,20 @@ def _above(p: Triple, height: float, f: Array) -> Triple:
     return min(max(x, f[9]), f[12]), min(max(y, f[10]), f[13]), min(max(z, f[11]), f[14])
 
 
-@njit(cache=True)
+@cached_njit
 def _height(radius: float, f: Array) -> float:
     highest = max(f[21] - radius, f[19])
     return float(min(max(radius / f[18], f[19], f[20] + radius), highest))
 
 
-@njit(cache=True)
+@cached_njit
 def _look(p: Triple, at: Triple, f: Array) -> tuple[float, float]:
     down = max(-(at[2] - p[2]), 0.0)
     pan, tilt = math.atan2(at[0] - p[0], down), math.atan2(at[1] - p[1], down)
     return min(max(pan, -f[25]), f[25]), min(max(tilt, -f[25]), f[25])
 
 
-@njit(cache=True)
+@cached_njit
 def _ease(goal: Triple, own: Triple, within_s: float, f: Array) -> Triple:
     """Return a position on the way; see `camnet.control.setpoints.at_ease`."""
     x, y, z = goal[0] - own[0], goal[1] - own[1], goal[2] - own[2]
@@ -123,7 +123,7 @@ def _ease(goal: Triple, own: Triple, within_s: float, f: Array) -> Triple:
     return own[0] + x * share, own[1] + y * share, own[2] + z * share
 
 
-@njit(cache=True)
+@cached_njit
 def _track(
     o: NDArray[np.float32], i: IntArray, speed: float, own: Triple, f: Array
 ) -> tuple[Triple, float, float]:
@@ -142,7 +142,7 @@ def _track(
     return (x, y, z), pan, tilt
 
 
-@njit(cache=True)
+@cached_njit
 def _meet(o: NDArray[np.float32], i: IntArray, own: Triple, f: Array) -> tuple[Triple, float, float]:
     """Wait at the predicted entry of the target whose fields begin at ``i``: position and gaze."""
     entry = _world(o, i[_ENTRY_P], f)
@@ -151,7 +151,7 @@ def _meet(o: NDArray[np.float32], i: IntArray, own: Triple, f: Array) -> tuple[T
     return _ease(goal, own, np.float64(o[i[_ENTRY_TIME]]) * f[28], f), pan, tilt
 
 
-@njit(cache=True)
+@cached_njit
 def _held(o: NDArray[np.float32], first: IntArray) -> int:
     """Target in the region, one in view before one believed to be there, then the one best known; -1: none."""
     best, mine, radius = -1, 0.0, math.inf
@@ -164,7 +164,7 @@ def _held(o: NDArray[np.float32], first: IntArray) -> int:
     return best
 
 
-@njit(cache=True)
+@cached_njit
 def _soon(o: NDArray[np.float32], first: IntArray) -> int:
     """Target that comes next, one that surely comes before one that may; -1: none."""
     best, coming, time = -1, 0.0, math.inf
@@ -177,7 +177,7 @@ def _soon(o: NDArray[np.float32], first: IntArray) -> int:
     return best
 
 
-@njit(cache=True)
+@cached_njit
 def act(o: NDArray[np.float32], first: IntArray, speeds: Array, f: Array) -> NDArray[np.float32]:
     """Return the action (5,) for an observation (D,) of M targets with top ``speeds`` (M,); ``first``: see `FIELDS`."""
     own = _world(o, 0, f)

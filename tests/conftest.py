@@ -7,11 +7,6 @@ import re
 from collections.abc import Generator
 from pathlib import Path
 
-# The workers of pytest-xdist share what they compile. This must be set before Numba is imported.
-if "PYTEST_XDIST_WORKER" in os.environ:
-    _cache = Path(__file__).resolve().parent.parent / ".pytest_cache" / "numba"
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(_cache))
-
 import pytest
 from hypothesis import settings
 

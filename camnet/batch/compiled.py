@@ -17,21 +17,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from numba import njit
+from camnet.compiled import cached_njit
 
 __all__ = ["inlined", "inner", "inner_owner", "outer", "owner"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+#: what is decorated keeps its type: the options promise what Numba's types cannot say
+_cached: Any = cached_njit
 #: a division by zero gives what IEEE 754 says, without a test at every division
-_COMMON: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+_COMMON: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: for parts that only compiled code calls: without a way in from Python, which for arguments as wide as a whole
 #: network costs half of the compilation
 _ALONE: dict[str, Any] = {**_COMMON, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-#: options that Numba knows and its type stubs do not
-_njit: Any = njit
 
-inlined: Callable[[_F], _F] = _njit(**_COMMON, _nrt=False, forceinline=True)
-outer: Callable[[_F], _F] = _njit(**_COMMON, _nrt=False)
-inner: Callable[[_F], _F] = _njit(**_ALONE, _nrt=False)
-owner: Callable[[_F], _F] = _njit(**_COMMON, _nrt=True)
-inner_owner: Callable[[_F], _F] = _njit(**_ALONE, _nrt=True)
+inlined: Callable[[_F], _F] = _cached(**_COMMON, _nrt=False, forceinline=True)
+outer: Callable[[_F], _F] = _cached(**_COMMON, _nrt=False)
+inner: Callable[[_F], _F] = _cached(**_ALONE, _nrt=False)
+owner: Callable[[_F], _F] = _cached(**_COMMON, _nrt=True)
+inner_owner: Callable[[_F], _F] = _cached(**_ALONE, _nrt=True)

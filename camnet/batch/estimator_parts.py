@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
-
 from camnet.batch.estimator_columns import BLOCK, CAPACITY, COUNT_COLUMNS, FLAG_COLUMNS, GROWTH
 from camnet.batch.estimator_setup import Rules
+from camnet.compiled import cached_njit
 from camnet.estimation.propagate import COLUMNS
 from camnet.types import Array, IntArray
 
@@ -31,7 +30,7 @@ __all__ = [
 
 #: written out where it is called: without counting references a function cannot return an array
 _INLINE: dict[str, Any] = {"inline": "always", "_nrt": False}
-_part = njit(**_INLINE)
+_part = cached_njit(**_INLINE)
 
 
 @_part

@@ -32,11 +32,11 @@ from camnet.batch.row_kernel import (
     reset_row,
     rollout_row,
 )
+from camnet.compiled import announce
 from camnet.errors import ConfigError
 from camnet.estimation.observation import measured_world_pose
 from camnet.estimation.propagate import TWIST_OUTPUTS
 from camnet.estimation.protocol import Rollout
-from camnet.geometry.kernel_cache import announce
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.survey import Lookout, Survey
 from camnet.simulation.filters import TargetTruth

@@ -26,8 +26,8 @@ from camnet.batch.metrics import episode_of
 from camnet.batch.network import MODELS, Model, Shown, pack_network
 from camnet.batch.observe import NEIGHBOUR_FIELDS, OWN_FIELDS, TARGET_FIELDS
 from camnet.batch.state import STATES, State, allocate, restart
+from camnet.compiled import announce
 from camnet.errors import ConfigError, SimulationError
-from camnet.geometry.kernel_cache import announce
 from camnet.geometry.pinned import call_compiled
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, IntArray

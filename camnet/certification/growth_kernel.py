@@ -13,8 +13,8 @@ import heapq
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["cell_bounds", "disc_supremum", "third_derivative_bound"]
@@ -26,7 +26,7 @@ _TAIL_PEAK, _TAIL_PEAK_AT = 0.3750, 2.3345
 _SIGNS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 
 
-@njit(cache=True)
+@cached_njit
 def third_derivative_bound(r: float) -> float:
     """Upper bound of the third directional derivative of exp(-|u|^2/2) over all |u| >= r."""
     if r <= _PEAK_AT:
@@ -36,17 +36,17 @@ def third_derivative_bound(r: float) -> float:
     return value if r > _TAIL_PEAK_AT else max(value, _TAIL_PEAK)
 
 
-@njit(cache=True)
+@cached_njit
 def _lambda_max(xx: float, xy: float, yy: float) -> float:
     return 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
 
 
-@njit(cache=True)
+@cached_njit
 def _norm(xx: float, xy: float, yy: float) -> float:
     return abs(0.5 * (xx + yy)) + math.hypot(0.5 * (xx - yy), xy)
 
 
-@njit(cache=True)
+@cached_njit
 def cell_bounds(
     cx: float, cy: float, rho: float, centres: Array, precision: Array, weights: Array, scale: Array
 ) -> tuple[float, float]:
@@ -79,7 +79,7 @@ def cell_bounds(
     return at_centre, at_centre + rho * slope + 0.5 * rho * rho * curvature
 
 
-@njit(cache=True)
+@cached_njit
 def disc_supremum(
     cx: float,
     cy: float,

@@ -7,14 +7,14 @@ unseen length before it (the whole length if there is none).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array, IntArray
 
 __all__ = ["gap_search", "merge_intervals", "seen_lengths"]
 
 
-@njit(cache=True)
+@cached_njit
 def merge_intervals(
     arc: IntArray, camera: IntArray, start: Array, end: Array, depth: Array, deepest: Array, touch: float
 ) -> tuple[IntArray, IntArray, IntArray, Array, Array, Array, Array, int]:
@@ -39,7 +39,7 @@ def merge_intervals(
     return out_arc, entry, leave, s0, s1, d, at, m
 
 
-@njit(cache=True)
+@cached_njit
 def seen_lengths(ptr: IntArray, successor: IntArray, length: Array, prefix: Array, full: IntArray) -> Array:
     """Shortest seen length ahead at each arc's start: ``prefix`` where the view ends within the arc.
 
@@ -63,7 +63,7 @@ def seen_lengths(ptr: IntArray, successor: IntArray, length: Array, prefix: Arra
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def gap_search(
     ptr: IntArray,
     successor: IntArray,
@@ -172,7 +172,7 @@ def gap_search(
     return row_exit[:rows], row_to[:rows], row_short[:rows], row_long[:rows], code
 
 
-@njit(cache=True)
+@cached_njit
 def _grow(values, capacity):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - generic over the dtype
     out = np.empty(capacity, values.dtype)
     out[: len(values)] = values

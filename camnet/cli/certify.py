@@ -149,7 +149,7 @@ def _world(args: argparse.Namespace) -> tuple[Any, Any]:
 
 def world_of(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     """Load the world of the command line, its traffic expanded."""
-    from camnet.cli.output import cache_folder
+    from camnet.cache_folder import cache_folder
     from camnet.config.load import load_scenario
     from camnet.config.models import Scenario
     from camnet.config.traffic import expand_traffic

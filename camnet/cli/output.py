@@ -12,12 +12,7 @@ from pathlib import Path
 
 from camnet.errors import ConfigError
 
-__all__ = ["cache_folder", "choose_folder", "print_json", "whole_folder", "write_json"]
-
-
-def cache_folder() -> Path:
-    """Where things that are costly to make again are kept (``XDG_CACHE_HOME`` is respected)."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "camnet"
+__all__ = ["choose_folder", "print_json", "whole_folder", "write_json"]
 
 
 def choose_folder(out: str | None, default_name: str, force: bool) -> Path:

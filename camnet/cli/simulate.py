@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
+from camnet.cache_folder import cache_folder
 from camnet.cli.arguments import whole
 from camnet.cli.common import add_common, add_scenario, add_seeds, overrides, progress_bar, say, warn
-from camnet.cli.output import cache_folder, choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
 
 __all__ = ["add_parser"]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.geometry.rotations_compiled import conjugate, log, multiply, rotate
 from camnet.geometry.triples import borrowing
 from camnet.types import Array
@@ -26,12 +26,12 @@ __all__ = [
 ]
 
 
-@njit(cache=True)
+@cached_njit
 def _norm(x: float, y: float, z: float) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@cached_njit
 def realised_disturbance(
     p0: Array, q0: Array, p1: Array, q1: Array, u_l: Array, u_a: Array, dt: float, out: Array
 ) -> Array:
@@ -51,7 +51,7 @@ def realised_disturbance(
     return norms
 
 
-@njit(cache=True)
+@cached_njit
 def without_slip(
     d: Array,
     q0: Array,
@@ -75,7 +75,7 @@ def without_slip(
     return norms
 
 
-@njit(cache=True)
+@cached_njit
 def advance_envelopes(
     a2: Array, b: Array, d: Array, d_bar: Array, layer: Array, k1: float, h: float
 ) -> Array:
@@ -91,7 +91,7 @@ def advance_envelopes(
     return bound
 
 
-@njit(cache=True)
+@cached_njit
 def row_norms(v: Array) -> Array:
     """Norms (N,) of the rows of ``v`` (N,3)."""
     out = np.empty(v.shape[0])
@@ -100,7 +100,7 @@ def row_norms(v: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def record_period(
     k: int,
     truth: Array,
@@ -169,7 +169,7 @@ def record_end(k: int, truth: Array, motion: Array) -> None:
             truth[k, n, 7 + i] = motion[truth.shape[1] + n, i]
 
 
-@njit(cache=True)
+@cached_njit
 def run_periods(
     dt: Array,
     truth: Array,

@@ -17,8 +17,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.errors import ConfigError
 from camnet.types import Array
 
@@ -84,7 +84,7 @@ class RbfBasis:
         return sigma
 
 
-@njit(cache=True)
+@cached_njit
 def map_inputs(p: Array, q: Array, d: int, heading_scale: float) -> Array:
     """Rho: (x, y), and for d = 4 the direction of the body x axis seen from above, scaled."""
     x = np.empty(d)
@@ -100,7 +100,7 @@ def map_inputs(p: Array, q: Array, d: int, heading_scale: float) -> Array:
     return x
 
 
-@njit(cache=True)
+@cached_njit
 def evaluate(p: Array, q: Array, centres: Array, precision: Array, heading_scale: float, out: Array) -> None:
     """Write sigma (p,) at the pose (p (3,), q (4,)) to ``out``."""
     n, d = centres.shape

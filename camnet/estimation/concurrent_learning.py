@@ -28,8 +28,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.excitation import VisitedExcitation
 from camnet.estimation.projection import project_step
 from camnet.estimation.propagate import COLUMNS
@@ -55,7 +55,7 @@ TINY = 1e-12
 LAYER_SHARE = 0.05
 
 
-@njit(cache=True)
+@cached_njit
 def switching(x: float, code: int, layer: float) -> float:
     """Sgn(x), or one of its continuous stand-ins with boundary layer ``layer``."""
     if code == 0:
@@ -65,7 +65,7 @@ def switching(x: float, code: int, layer: float) -> float:
     return math.tanh(x / layer)
 
 
-@njit(cache=True)
+@cached_njit
 def correct_pose(
     p: Array,
     q: Array,
@@ -94,7 +94,7 @@ def correct_pose(
     return p_next, normalise(q_next), error
 
 
-@njit(cache=True)
+@cached_njit
 def output_error(error: Array, q: Array, stacked: bool) -> Array:
     """G(q)^T eta_til (8,), padded with zeros: the pose error as seen by the model's outputs."""
     out = np.zeros(COLUMNS)
@@ -111,7 +111,7 @@ def output_error(error: Array, q: Array, stacked: bool) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def implicit_step(
     weights: Array,
     inverse: Array,

@@ -14,15 +14,15 @@ update is Joseph's form (I - K H) P (I - K H)^T + r K K^T.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.geometry.rotations_compiled import align_sign, conjugate, exp, log, multiply, normalise, to_matrix
 from camnet.types import Array
 
 __all__ = ["correct_state", "predict_state"]
 
 
-@njit(cache=True)
+@cached_njit
 def predict_state(
     p: Array, q: Array, v: Array, w: Array, cov_p: Array, cov_q: Array, dt: float, rho_p: float, rho_q: float
 ) -> None:
@@ -66,7 +66,7 @@ def predict_state(
         q[i] = moved[i]
 
 
-@njit(cache=True)
+@cached_njit
 def _inverse_3(m: Array) -> Array:
     """Inverse of a symmetric positive definite (3, 3) matrix by cofactors."""
     out = np.empty((3, 3))
@@ -82,7 +82,7 @@ def _inverse_3(m: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def correct_state(
     p: Array,
     q: Array,

@@ -22,8 +22,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.settings import GapSettings
 from camnet.estimation.windows import increment_of
@@ -55,7 +55,7 @@ class EndState:
     w: Array
 
 
-@njit(cache=True)
+@cached_njit
 def fit_motion(t: Array, p: Array, q: Array, t_eval: float) -> tuple[Array, Array, Array, Array]:
     """Pose and velocity at ``t_eval`` of the constant turn that fits poses at times t (n,), p (n, 3), q (n, 4).
 
@@ -89,7 +89,7 @@ def fit_motion(t: Array, p: Array, q: Array, t_eval: float) -> tuple[Array, Arra
     return p_eval, multiply(q_mid, exp(late_turn)), rotate(exp(rotate(q_mid, late_turn)), v), w
 
 
-@njit(cache=True)
+@cached_njit
 def push_and_fit(
     t: Array, p: Array, q: Array, count: int, t_new: float, p_new: Array, q_new: Array, motion: Array
 ) -> int:

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.basis import evaluate
 from camnet.estimation.concurrent_learning import correct_pose, output_error
 from camnet.estimation.propagate import model_twist
@@ -22,7 +22,7 @@ from camnet.types import Array
 __all__ = ["measured_step"]
 
 
-@njit(cache=True)
+@cached_njit
 def measured_step(
     p: Array,
     q: Array,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from camnet.compiled import cached_njit
 from camnet.errors import DataError
 from camnet.geometry.rotations_compiled import multiply, normalise, rotate
 from camnet.types import Array, PoseMeasurement
@@ -34,7 +33,7 @@ def measured_world_pose(measurement: PoseMeasurement) -> tuple[Array, Array]:
     return p, q
 
 
-@njit(cache=True)
+@cached_njit
 def _compose(p_camera: Array, q_camera: Array, p_cam: Array, q_cam: Array) -> tuple[Array, Array, bool]:
     p = rotate(q_camera, p_cam)
     q = normalise(multiply(q_camera, q_cam))

@@ -15,8 +15,8 @@ radius ``W_bar + eps`` and the projected rate is Lipschitz in W.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["axis_factor", "project_rate", "project_step"]
@@ -32,7 +32,7 @@ def project_rate(weights: Array, rate: Array, bound: float, layer: float) -> Arr
     return np.asarray(rate - c * weights * outward / norm2)
 
 
-@njit(cache=True)
+@cached_njit
 def project_step(before: Array, after: Array, columns: int, bound: float, layer: float) -> None:
     """Project the step from ``before`` to ``after`` (p, m) in place, over the first ``columns`` columns.
 
@@ -62,7 +62,7 @@ def project_step(before: Array, after: Array, columns: int, bound: float, layer:
                 after[k, o] *= scale
 
 
-@njit(cache=True)
+@cached_njit
 def axis_factor(x: float, rate: float, low: float, high: float, layer: float) -> float:
     """Factor in [0, 1] on one coordinate's rate that keeps it in [low - layer, high + layer]."""
     if rate > 0.0 and x > high:

@@ -24,8 +24,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.basis import CUTOFF
 from camnet.estimation.projection import axis_factor
 from camnet.estimation.road_prior import RoadMap, steer
@@ -110,7 +110,7 @@ def _blend(q: Quaternion, prior: Array, use_prior: bool, stacked: bool, out: Arr
     return support
 
 
-@njit(cache=True)
+@cached_njit
 def model_twist(
     p: Array,
     q: Array,
@@ -201,7 +201,7 @@ def _integrate(
     return p, q, support
 
 
-@njit(cache=True)
+@cached_njit
 def advance(
     p: Array,
     q: Array,
@@ -251,7 +251,7 @@ def advance(
     return np.array(place), np.array(turn), support
 
 
-@njit(cache=True)
+@cached_njit
 def roll_out(
     p: Array,
     q: Array,

@@ -26,8 +26,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.errors import ConfigError
 from camnet.geometry.roads import Polyline
 from camnet.geometry.settings import Road
@@ -38,8 +38,8 @@ __all__ = ["NO_ROADS", "RoadMap", "map_of", "offset_of", "steer", "turning_rate"
 #: cells of the grid over the roads, at most
 _MOST_CELLS = 250_000
 #: borrows what it is given: nothing is made here, so that no references need to be counted
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
-_borrowing = njit(**_OPTIONS)
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+_borrowing = cached_njit(**_OPTIONS)
 
 
 class RoadMap(NamedTuple):

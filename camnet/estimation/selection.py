@@ -22,8 +22,8 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["DOptimalRule", "SelectionRule", "SmallestEigenvalueRule", "rank_one", "replacement_gains"]
@@ -121,7 +121,7 @@ def replacement_gains(inverse: Array, leverage: Array, rows: Array, row: Array) 
     return np.asarray((1.0 + h) * (1.0 - leverage) + c * c)
 
 
-@njit(cache=True)
+@cached_njit
 def rank_one(inverse: Array, row: Array, sign: float) -> Array:
     """Sherman-Morrison: turn A^-1 into (A + sign row row^T)^-1 in place; returns u = A^-1 row scaled for reuse.
 

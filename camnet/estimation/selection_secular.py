@@ -28,8 +28,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.selection import DOptimalRule
 from camnet.types import Array
 
@@ -49,7 +49,7 @@ def rounding_floor(size: int, largest: float) -> float:
     return size * _EPS * largest
 
 
-@njit(cache=True)
+@cached_njit
 def drops(projected: Array, shifts: Array) -> Array:
     """Root delta (N,) of each secular equation: z_j in the rows of ``projected`` (N, k), ``shifts`` d_i - d_1 (k,)."""
     n, k = projected.shape

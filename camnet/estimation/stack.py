@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.selection import SelectionRule
 from camnet.types import Array, BoolArray
 
@@ -28,7 +28,7 @@ __all__ = ["Change", "HistoryStack", "is_excited"]
 Change = tuple[tuple[Array, float], ...]
 
 
-@njit(cache=True)
+@cached_njit
 def _accumulate(gram: Array, moment: Array, y: Array, d: Array, sign: float) -> None:
     """Add or take away one window's share of both sums."""
     for i in range(len(y)):

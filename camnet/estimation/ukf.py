@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.ekf import coast
 from camnet.estimation.kalman import UnscentedKalmanFilter, constant_velocity
 from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
@@ -36,7 +36,7 @@ _NO_COVARIANCE = np.zeros((0, 3, 3))
 _START_RATE_RADPS = 2.0
 
 
-@njit(cache=True)
+@cached_njit
 def _propagate(q: Array, w: Array, cov: Array, noise: Array, dt: float) -> tuple[Array, Array]:
     """Orientation (4,) and covariance (6, 6) after ``dt``; the body rate stays."""
     root = np.linalg.cholesky(_N * cov)
@@ -61,7 +61,7 @@ def _propagate(q: Array, w: Array, cov: Array, noise: Array, dt: float) -> tuple
     return normalise(multiply(mean, exp(centre))), spread + noise
 
 
-@njit(cache=True)
+@cached_njit
 def _take(q: Array, w: Array, cov: Array, q_measured: Array, variance: float) -> tuple[Array, Array, Array]:
     """Kalman update, in Joseph form, with a measured orientation; it is linear in the deviations."""
     error = log(multiply(conjugate(q), q_measured))

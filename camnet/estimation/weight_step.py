@@ -17,8 +17,8 @@ outermost: unit stride everywhere, four rows at a time.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.projection import project_step
 from camnet.estimation.propagate import COLUMNS
 from camnet.types import Array, IntArray
@@ -26,7 +26,7 @@ from camnet.types import Array, IntArray
 __all__ = ["symmetric_product", "weight_step"]
 
 
-@njit(cache=True)
+@cached_njit
 def symmetric_product(matrix: Array, right: Array, out: Array) -> None:
     """Write ``right matrix`` (8, n) to ``out`` for a symmetric (n, n) matrix: the transpose of M R."""
     n = matrix.shape[0]
@@ -46,7 +46,7 @@ def symmetric_product(matrix: Array, right: Array, out: Array) -> None:
                 out[o, a] += matrix[b, a] * x0
 
 
-@njit(cache=True)
+@cached_njit
 def weight_step(
     weights: Array,
     inverse: Array,

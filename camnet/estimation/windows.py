@@ -17,8 +17,8 @@ without overlap: the next begins with the samples at which the last one ended.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.propagate import COLUMNS, UNIT
 from camnet.geometry.rotations_compiled import align_sign, conjugate, log, multiply
 from camnet.types import Array
@@ -38,7 +38,7 @@ def increment_of(p0: Array, q0: Array, p1: Array, q1: Array, duration: float, st
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _store(
     ts: Array, ps: Array, qs: Array, sigmas: Array, i: int, t: float, p: Array, q: Array, sigma: Array
 ) -> None:

@@ -19,13 +19,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy.optimize import differential_evolution
 
 from camnet.certification.crossing import Crossing, certify_crossing, meeting
 from camnet.certification.flow_network import FlowExit, flow_exits
 from camnet.certification.growth import PlanarField, Tube, error_tube
 from camnet.certification.reachable import TubeReach
+from camnet.compiled import cached_njit
 from camnet.experiments.certify_flow import FlowCase
 from camnet.types import Array, BoolArray
 
@@ -243,7 +243,7 @@ def _step(learned: PlanarField, p: Array, d: Array, h: float, v_max_mps: float) 
     return np.asarray(p + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
 
 
-@njit(cache=True)
+@cached_njit
 def velocities(x: Array, centres: Array, precision: Array, weights: Array) -> Array:
     """Return ``PlanarField.velocity`` of points (n, 2), kernels further than six standard deviations left out."""
     out = np.zeros(x.shape)

@@ -19,8 +19,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.experiments.pedestrians_data import FUTURE, Experience, Windows
 from camnet.types import Array, IntArray
 
@@ -59,7 +59,7 @@ def field_prediction(windows: Windows, known: Experience) -> Array:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@cached_njit
 def _deviation(
     p: Array,
     v: Array,
@@ -100,7 +100,7 @@ def _deviation(
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _follow_field(
     p: Array,
     v: Array,

@@ -21,6 +21,8 @@ from numba.core.typing import templates as _templates
 from numba.extending import intrinsic as _intrinsic
 from numba.extending import register_model
 
+from camnet.compiled.source import type_text
+
 __all__ = ["lend"]
 
 _T = TypeVar("_T")
@@ -40,7 +42,7 @@ class Lent(_types.Type):
     def __init__(self, of: Any) -> None:  # noqa: ANN401 - a type of named tuples
         self.of = of
         # the full name of such a tuple is long, and part of the name of every function that takes it
-        digest = hashlib.sha256(f"{of.instance_class.__module__} {of}".encode()).hexdigest()[:16]
+        digest = hashlib.sha256(type_text(of).encode()).hexdigest()[:16]
         super().__init__(name=f"Lent({of.instance_class.__name__} {digest})")
 
     @property

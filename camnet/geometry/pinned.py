@@ -9,7 +9,7 @@ same from call to call is pinned once, and its address handed over instead:
 
 The arrays' elements are read and written in place. Whoever replaces an array has to pin again. A header guards against
 compiled code that was made for another layout: an address does not tell what it points at, so code on disk cannot be
-told apart by it (`camnet.geometry.kernel_source`). ``call_compiled`` compiles such code anew.
+told apart by it (`camnet.compiled.source`). ``call_compiled`` compiles such code anew.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from threading import Lock
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numba import njit as _njit
 from numba import typeof as _typeof
 from numba import types as _types
 from numba.core import cgutils as _cgutils
 from numba.extending import intrinsic as _intrinsic
 
+from camnet.compiled import cached_njit
+from camnet.compiled.source import layout_text
 from camnet.geometry.borrow import Lent
 
 __all__ = ["Pinned", "Pins", "StaleCodeError", "call_compiled"]
@@ -33,7 +34,6 @@ __all__ = ["Pinned", "Pins", "StaleCodeError", "call_compiled"]
 types: Any = _types
 cgutils: Any = _cgutils
 intrinsic: Any = _intrinsic
-njit: Any = _njit
 typeof: Any = _typeof
 _T = TypeVar("_T")
 #: bytes before the tuple: the digest of its layout, and room so that it begins at a multiple of 16
@@ -98,12 +98,12 @@ def _store(typing_context: Any, value: Any, address: Any) -> Any:  # noqa: ANN40
     return types.void(value, types.intp), codegen
 
 
-@njit(_nrt=False)
+@cached_njit(_nrt=False)
 def _room_for(value: Any) -> Any:  # noqa: ANN401
     return _size_of(value)
 
 
-@njit(_nrt=False)
+@cached_njit(_nrt=False)
 def _write(value: Any, address: int) -> None:  # noqa: ANN401
     _store(value, address)
 
@@ -124,6 +124,10 @@ class Pins(Generic[_T]):
         self._class = of
         self._type: Any = None
         self.of: Any = self._reader()
+
+    def compiled_source(self) -> str:
+        """Describe the layout that compiled code reads, for `camnet.compiled.source`."""
+        return layout_text(self._class)
 
     def pin(self, value: _T) -> Pinned[_T]:
         """Copy a named tuple's references to an address of its own; the arrays themselves are not copied.
@@ -156,7 +160,7 @@ class Pins(Generic[_T]):
                 digest = context.get_constant(types.int64, _digest(of))
                 found = builder.load(builder.inttoptr(place, digest.type.as_pointer()))
                 with cgutils.if_unlikely(builder, builder.icmp_unsigned("!=", found, digest)):
-                    text = "compiled code is older than what it is called with: clear Numba's cache"
+                    text = "compiled code is older than what it is called with: clear the cache of kernels"
                     context.call_conv.return_user_exc(builder, StaleCodeError, (text,))
                 start = builder.add(place, context.get_constant(types.intp, _HEADER))
                 return builder.inttoptr(start, context.get_value_type(of).as_pointer())

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["erosion_corners", "nearest_in_erosion", "point_distance", "signed_distance"]
@@ -21,7 +21,7 @@ __all__ = ["erosion_corners", "nearest_in_erosion", "point_distance", "signed_di
 _TOLERANCE = 1e-9
 
 
-@njit(cache=True)
+@cached_njit
 def point_distance(x: float, y: float, vertices: Array) -> float:
     """Distance of one point to the border of the polygon (n, 2), negative inside."""
     n = vertices.shape[0]
@@ -42,7 +42,7 @@ def point_distance(x: float, y: float, vertices: Array) -> float:
     return -math.sqrt(best) if inside else math.sqrt(best)
 
 
-@njit(cache=True)
+@cached_njit
 def signed_distance(points: Array, vertices: Array) -> Array:
     """Distance (K,) of points (K, 2 or more; x and y count) to the border of the polygon (n, 2), negative inside."""
     out = np.empty(points.shape[0])
@@ -104,7 +104,7 @@ def erosion_corners(vertices: Array, margin: float) -> Array:
     return np.ascontiguousarray(candidates[keep])
 
 
-@njit(cache=True)
+@cached_njit
 def nearest_in_erosion(point: Array, vertices: Array, margin: float, corners: Array) -> Array:
     """Nearest point (2,) to ``point`` (2,) that is at least ``margin`` inside, to 1e-9 m.
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog, nnls
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
+from camnet.compiled import cached_njit
 from camnet.errors import WorldError
 from camnet.types import Array, BoolArray
 
@@ -41,7 +41,7 @@ def largest_ball(a: Array, b: Array) -> tuple[Array, float]:
     return centre, float(np.min(b - a @ centre))
 
 
-@njit(cache=True)
+@cached_njit
 def _segment_distance2(p: Array, a: Array, b: Array) -> float:
     e0, e1, e2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     d0, d1, d2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
@@ -50,7 +50,7 @@ def _segment_distance2(p: Array, a: Array, b: Array) -> float:
     return float((d0 - t * e0) ** 2 + (d1 - t * e1) ** 2 + (d2 - t * e2) ** 2)
 
 
-@njit(cache=True)
+@cached_njit
 def _triangle_distance2(p: Array, corners: Array) -> float:
     a, b, c = corners[0], corners[1], corners[2]
     u, v, w = b - a, c - a, p - a
@@ -64,7 +64,7 @@ def _triangle_distance2(p: Array, corners: Array) -> float:
     return min(_segment_distance2(p, a, b), _segment_distance2(p, b, c), _segment_distance2(p, c, a))
 
 
-@njit(cache=True)
+@cached_njit
 def signed_distance(points: Array, a: Array, b: Array, triangles: Array) -> Array:
     """Distance (K,) of points (K, 3) to the polytope ``a x <= b`` with the surface ``triangles`` (T, 3, 3)."""
     out = np.empty(points.shape[0])

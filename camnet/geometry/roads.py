@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from camnet.compiled import cached_njit
 from camnet.errors import WorldError
 from camnet.geometry.settings import Road
 from camnet.types import Array
@@ -47,7 +47,7 @@ def waypoints(points_m: ArrayLike, closed: bool, name: str) -> Array:
     return np.vstack([different, different[:1]]) if closed else different
 
 
-@njit(cache=True)
+@cached_njit
 def _project(points: Array, line: Array, arc: Array) -> tuple[Array, Array]:
     count = points.shape[0]
     s, lateral = np.empty(count), np.empty(count)

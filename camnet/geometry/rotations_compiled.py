@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = [
@@ -30,7 +30,7 @@ __all__ = [
 _SMALL = 1e-4
 
 
-@njit(cache=True)
+@cached_njit
 def multiply(a: Array, b: Array) -> Array:
     """Hamilton product ``a b``."""
     out = np.empty(4)
@@ -41,7 +41,7 @@ def multiply(a: Array, b: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def conjugate(q: Array) -> Array:
     """Inverse of a unit quaternion."""
     out = np.empty(4)
@@ -49,7 +49,7 @@ def conjugate(q: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def normalise(q: Array) -> Array:
     """``q`` scaled to unit length."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
@@ -59,7 +59,7 @@ def normalise(q: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def to_matrix(q: Array) -> Array:
     """Rotation matrix (3, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -76,7 +76,7 @@ def to_matrix(q: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def kinematic_matrix(q: Array) -> Array:
     """``B(q)`` (4, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -88,7 +88,7 @@ def kinematic_matrix(q: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def rotate(q: Array, v: Array) -> Array:
     """``R(q) v``."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -102,13 +102,13 @@ def rotate(q: Array, v: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def rotate_inverse(q: Array, v: Array) -> Array:
     """``R(q)^T v``."""
     return rotate(conjugate(q), v)
 
 
-@njit(cache=True)
+@cached_njit
 def exp(rotvec: Array) -> Array:
     """Quaternion of a rotation vector, rad."""
     angle = math.sqrt(rotvec[0] * rotvec[0] + rotvec[1] * rotvec[1] + rotvec[2] * rotvec[2])
@@ -120,7 +120,7 @@ def exp(rotvec: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def log(q: Array) -> Array:
     """Rotation vector of the shorter turn, rad."""
     sign = -1.0 if q[0] < 0.0 else 1.0
@@ -136,7 +136,7 @@ def log(q: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def align_sign(q: Array, reference: Array) -> Array:
     """``q`` or ``-q``, whichever is closer to ``reference``."""
     dot = q[0] * reference[0] + q[1] * reference[1] + q[2] * reference[2] + q[3] * reference[3]
@@ -147,7 +147,7 @@ def align_sign(q: Array, reference: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def angle_between(a: Array, b: Array) -> float:
     """Angle in [0, pi] rad between two orientations."""
     d = multiply(conjugate(a), b)

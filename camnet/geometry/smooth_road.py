@@ -18,11 +18,11 @@ import math
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
+from camnet.compiled import cached_njit
 from camnet.errors import WorldError
 from camnet.geometry.roads import waypoints
 from camnet.geometry.settings import Road
@@ -35,7 +35,7 @@ _PER_M, _PER_WAYPOINT, _LEAST = 10.0, 24, 200
 _NEWTON_STEPS = 20
 
 
-@njit(cache=True)
+@cached_njit
 def _evaluate(s: float, c: Array, h: float) -> tuple[float, float, float, float, float, float]:
     """Position, first and second derivative at arc length s in [0, length]."""
     i = min(int(s / h), c.shape[1] - 1)
@@ -47,12 +47,12 @@ def _evaluate(s: float, c: Array, h: float) -> tuple[float, float, float, float,
     return px, py, vx, vy, 6.0 * c[0, i, 0] * x + 2.0 * c[1, i, 0], 6.0 * c[0, i, 1] * x + 2.0 * c[1, i, 1]
 
 
-@njit(cache=True)
+@cached_njit
 def _wrap(s: float, length: float, closed: bool) -> float:
     return s - length * math.floor(s / length) if closed else min(length, max(0.0, s))
 
 
-@njit(cache=True)
+@cached_njit
 def _sample(s: Array, c: Array, h: float, closed: bool) -> Array:
     """Position, first and second derivative (K, 6) at arc lengths (K,)."""
     out = np.empty((s.shape[0], 6))
@@ -64,7 +64,7 @@ def _sample(s: Array, c: Array, h: float, closed: bool) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _project(points: Array, c: Array, h: float, closed: bool) -> tuple[Array, Array]:
     """Arc length and lateral offset (K,), (K,) of the nearest points of the curve to points (K, 2)."""
     count, knots = points.shape[0], c.shape[1]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array, BoolArray
 
 __all__ = ["in_boxes", "least_distance"]
 
 
-@njit(cache=True)
+@cached_njit
 def in_boxes(points: Array, low: Array, high: Array) -> BoolArray:
     """Whether ``points`` (K, 3) lie in boxes with lowest corners ``low`` (C, 3), highest ``high`` (C, 3): (K, C)."""
     out = np.empty((points.shape[0], low.shape[0]), dtype=np.bool_)
@@ -25,7 +25,7 @@ def in_boxes(points: Array, low: Array, high: Array) -> BoolArray:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def least_distance(points: Array) -> float:
     """Smallest distance between any two of ``points`` (n, 3); inf for fewer than two."""
     least = math.inf

@@ -11,8 +11,7 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from numba import njit
-
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = [
@@ -42,21 +41,23 @@ Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 
 #: a division by zero gives what IEEE 754 says
-_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 _SMALL = 1e-4
 
+#: what is decorated keeps its type
+_cached: Any = cached_njit
 _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
 
 def borrowing(function: _Kernel) -> _Kernel:
     """Compile a function that makes no array and returns none."""
-    compiled: _Kernel = njit(**_OPTIONS)(function)
+    compiled: _Kernel = _cached(**_OPTIONS)(function)
     return compiled
 
 
 def inlined(function: _Kernel) -> _Kernel:
     """Compile the same as part of whatever calls it."""
-    compiled: _Kernel = njit(**_OPTIONS, forceinline=True)(function)
+    compiled: _Kernel = _cached(**_OPTIONS, forceinline=True)(function)
     return compiled
 
 

@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import ArrayLike
 
+from camnet.compiled import cached_njit
 from camnet.errors import WorldError
 from camnet.geometry import polygon
 from camnet.geometry.polytope import check_margin
@@ -32,7 +32,7 @@ def _slab(region: BoxRegion | CylinderRegion | PrismRegion, z_lo: float, z_hi: f
     return region.footprint()
 
 
-@njit(cache=True)
+@cached_njit
 def _prism_distance(planar: Array, points: Array, z_lo: float, z_hi: float) -> Array:
     """Distance (K,) of points (K, 3) to a prism, from their distance (K,) to its outline."""
     out = np.empty(planar.shape[0])
@@ -43,13 +43,13 @@ def _prism_distance(planar: Array, points: Array, z_lo: float, z_hi: float) -> A
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _cylinder_distance(points: Array, cx: float, cy: float, radius: float, z_lo: float, z_hi: float) -> Array:
     radial = np.sqrt((points[:, 0] - cx) ** 2 + (points[:, 1] - cy) ** 2) - radius
     return _prism_distance(radial, points, z_lo, z_hi)
 
 
-@njit(cache=True)
+@cached_njit
 def _box_project(p: Array, lo: Array, hi: Array, margin: float) -> Array:
     out = np.empty(3)
     for i in range(3):
@@ -57,7 +57,7 @@ def _box_project(p: Array, lo: Array, hi: Array, margin: float) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _box_distance(points: Array, lo: Array, hi: Array) -> Array:
     out = np.empty(points.shape[0])
     for k in range(points.shape[0]):
@@ -116,7 +116,7 @@ class BoxRegion:
         return _slab(self, z_lo, z_hi)
 
 
-@njit(cache=True)
+@cached_njit
 def _cylinder_project(p: Array, cx: float, cy: float, radius: float, z_lo: float, z_hi: float) -> Array:
     dx, dy = p[0] - cx, p[1] - cy
     d = math.sqrt(dx * dx + dy * dy)

@@ -15,10 +15,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["ClosedCurve", "frame_at", "nearest_parameter", "refine_parameter"]
@@ -75,7 +75,7 @@ class ClosedCurve:
         return float(np.linalg.norm(np.diff(closed, axis=0), axis=1).sum())
 
 
-@njit(cache=True)
+@cached_njit
 def _derivatives(
     u: float, knots: Array, coefficients: Array
 ) -> tuple[float, float, float, float, float, float]:
@@ -93,7 +93,7 @@ def _derivatives(
     )
 
 
-@njit(cache=True)
+@cached_njit
 def nearest_parameter(
     x: float, y: float, knots: Array, coefficients: Array, samples: Array, sample_u: Array
 ) -> float:
@@ -107,7 +107,7 @@ def nearest_parameter(
     return refine_parameter(float(sample_u[best]), x, y, knots, coefficients)
 
 
-@njit(cache=True)
+@cached_njit
 def refine_parameter(u: float, x: float, y: float, knots: Array, coefficients: Array) -> float:
     """Parameter of the nearest point of the curve, from one nearby: Newton on ``(c - p) . c' = 0``."""
     period = float(knots[-1])
@@ -120,7 +120,7 @@ def refine_parameter(u: float, x: float, y: float, knots: Array, coefficients: A
     return u
 
 
-@njit(cache=True)
+@cached_njit
 def frame_at(u: float, knots: Array, coefficients: Array) -> tuple[float, float, float, float]:
     """x, y, tangent direction phi and curvature kappa at ``u``."""
     x, y, dx, dy, ddx, ddy = _derivatives(u, knots, coefficients)

@@ -10,8 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from numba import njit
-
+from camnet.compiled import cached_njit
 from camnet.motion.curve import ClosedCurve, frame_at, nearest_parameter
 from camnet.types import Array
 
@@ -106,7 +105,7 @@ class WaveField:
         )
 
 
-@njit(cache=True)
+@cached_njit
 def loop_guide(
     x: float,
     y: float,
@@ -121,7 +120,7 @@ def loop_guide(
     return loop_guide_at(u, x, y, knots, coefficients, shape)
 
 
-@njit(cache=True)
+@cached_njit
 def loop_guide_at(
     u: float, x: float, y: float, knots: Array, coefficients: Array, shape: tuple[float, float, float]
 ) -> tuple[float, float, float, float]:
@@ -144,7 +143,7 @@ def loop_guide_at(
     return direction, along * tx - across * ty, along * ty + across * tx, speed * wave
 
 
-@njit(cache=True)
+@cached_njit
 def wave_guide(
     a: float, b: float, scale: float, speed: float, modulation: float
 ) -> tuple[float, float, float, float]:

@@ -19,8 +19,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.geometry import rotations
 from camnet.motion.fields import LoopField, PlanarField, loop_guide
 from camnet.motion.protocol import TargetState, planar_state
@@ -183,7 +183,7 @@ class VectorFieldMotion:
         return self.drive.limited(s, self.heading_gain_per_s * error + feed_forward)
 
 
-@njit(cache=True)
+@cached_njit
 def _command_on_loop(
     x: float,
     y: float,
@@ -209,7 +209,7 @@ def _command_on_loop(
     return v, w
 
 
-@njit(cache=True)
+@cached_njit
 def _step_on_loop(
     now: tuple[float, float, float, float, float],
     dt: float,
@@ -245,7 +245,7 @@ def _step_on_loop(
     return x, y, theta, v_next, w_next
 
 
-@njit(cache=True)
+@cached_njit
 def _path_on_loop(
     now: tuple[float, float, float, float, float],
     dt: float,

@@ -17,9 +17,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["edge_points", "refine_corners"]
@@ -34,7 +34,7 @@ _REACH_MODULES, _REACH_PX = 0.45, 4.0
 _LEAST_RISE = 20.0
 
 
-@njit(cache=True)
+@cached_njit
 def _grey(image: NDArray[np.uint8], x: float, y: float) -> float:
     """Bilinear; NaN outside."""
     i, j = math.floor(x), math.floor(y)
@@ -46,7 +46,7 @@ def _grey(image: NDArray[np.uint8], x: float, y: float) -> float:
     return float((1.0 - t) * top + t * low)
 
 
-@njit(cache=True)
+@cached_njit
 def edge_points(image: NDArray[np.uint8], corners: Array, modules: int) -> Array:
     """Points (4, POINTS, 2) of the edges of a dark square with corners (4, 2), clockwise; NaN where there is no edge.
 
@@ -80,7 +80,7 @@ def edge_points(image: NDArray[np.uint8], corners: Array, modules: int) -> Array
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _intersect(points: Array) -> Array:
     """Corners (4, 2) where the lines fitted to neighbouring edges' points (4, n, 2) meet; NaN without a line."""
     lines = np.full((4, 3), np.nan)

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from camnet.compiled import cached_njit
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.rotations import skew
 from camnet.geometry.rotations_compiled import to_matrix
@@ -194,7 +194,7 @@ def _module_px(lens: Lens, plane: Array) -> float:
     return smallest
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _homography(plane: Array, rate: Array, tau: float, h: Array) -> None:
     """Inverse of ``plane + tau rate`` up to scale (adjugate), in modules of the plate, into h (3, 3)."""
     m = plane + tau * rate
@@ -207,20 +207,20 @@ def _homography(plane: Array, rate: Array, tau: float, h: Array) -> None:
         h[1, i] = MODULES * h[1, i] + h[2, i]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _module(h: Array, x: float, y: float) -> tuple[float, float]:
     w = 1.0 / (h[2, 0] * x + h[2, 1] * y + h[2, 2])
     return (h[0, 0] * x + h[0, 1] * y + h[0, 2]) * w, (h[1, 0] * x + h[1, 1] * y + h[1, 2]) * w
 
 
-@njit(cache=True)
+@cached_njit
 def _spread(count: int, step: float) -> Array:
     """``count`` even numbers about 1/2: multiples of ``step`` modulo 1, their mean shifted to 1/2."""
     x = (np.arange(count) * step) % 1.0
     return np.asarray(x - np.mean(x) + 0.5)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _colour(i0: float, j0: float, i1: float, j1: float, reach: float, modules: NDArray[np.uint8]) -> int:
     """Colour of all modules between two places, to within ``reach``; -1: off the plate, -2: several."""
     n = modules.shape[0]
@@ -240,14 +240,14 @@ def _colour(i0: float, j0: float, i1: float, j1: float, reach: float, modules: N
     return colour
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _beyond(i0: float, j0: float, i1: float, j1: float, n: int) -> float:
     """Distance of the nearer of two places from the plate along one of its axes, modules."""
     along = max(-max(i0, i1), min(i0, i1) - n)
     return max(along, max(-max(j0, j1), min(j0, j1) - n))
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _draw(
     out: NDArray[np.float32],
     rays: Array,

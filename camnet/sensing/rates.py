@@ -20,16 +20,16 @@ import math
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from camnet.compiled import cached_njit
 from camnet.geometry.rotations_compiled import conjugate, log, multiply
 from camnet.types import Array, Twist
 
 __all__ = ["RateRegression", "regress_rates"]
 
 
-@njit(cache=True)
+@cached_njit
 def _slopes(t: Array, p: Array, q: Array, newest: int, degree: int) -> Array:
     """Rates (6,) at sample ``newest``; NaN where the times do not determine them."""
     n = t.shape[0]

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from camnet.compiled import cached_njit
 from camnet.geometry import rotations
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.regions import Region
@@ -32,7 +32,7 @@ def features_world(p_world: ArrayLike, q_world: ArrayLike, features: ArrayLike) 
     return np.asarray(points + np.asarray(p_world, dtype=np.float64)[..., None, :])
 
 
-@njit(cache=True)
+@cached_njit
 def _in_frusta(
     a: Array,
     b: Array,
@@ -74,7 +74,7 @@ def _in_frusta(
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _points_world(target_p: Array, target_q: Array, features: Array, first: IntArray) -> Array:
     out = np.empty_like(features)
     for m in range(first.shape[0] - 1):
@@ -90,7 +90,7 @@ def _points_world(target_p: Array, target_q: Array, features: Array, first: IntA
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def see(
     a: Array,
     b: Array,
@@ -108,7 +108,7 @@ def see(
     )
 
 
-@njit(cache=True)
+@cached_njit
 def who_may_see(inside: BoolArray, working: BoolArray, n_agents: int) -> tuple[BoolArray, IntArray]:
     """Pairs (C, M) that are not ruled out before looking, and the first region (M,) of each target (-1: none).
 
@@ -128,7 +128,7 @@ def who_may_see(inside: BoolArray, working: BoolArray, n_agents: int) -> tuple[B
     return allowed, region
 
 
-@njit(cache=True)
+@cached_njit
 def _sight_lines(visible: BoolArray, camera_p: Array, points: Array, first: IntArray) -> tuple[Array, Array]:
     """Both ends (K, 3) of the sight lines of all visible pairs, in the order of the pairs."""
     count = 0
@@ -147,7 +147,7 @@ def _sight_lines(visible: BoolArray, camera_p: Array, points: Array, first: IntA
     return origins, ends
 
 
-@njit(cache=True)
+@cached_njit
 def _hide(visible: BoolArray, clear: BoolArray, first: IntArray) -> None:
     """Unset the pairs of which some sight line, in the order of ``_sight_lines``, is not clear."""
     k = 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array, IntArray
 
 __all__ = ["ENTERS", "TOUCHES", "box_entries"]
@@ -15,7 +15,7 @@ __all__ = ["ENTERS", "TOUCHES", "box_entries"]
 TOUCHES, ENTERS = 1, 2
 
 
-@njit(cache=True)
+@cached_njit
 def _distance(x: float, y: float, z: float, low: Array, high: Array) -> float:
     """Signed distance to a box, negative inside."""
     a, b, c = max(low[0] - x, x - high[0]), max(low[1] - y, y - high[1]), max(low[2] - z, z - high[2])
@@ -26,7 +26,7 @@ def _distance(x: float, y: float, z: float, low: Array, high: Array) -> float:
     return math.sqrt(a * a + b * b + c * c)
 
 
-@njit(cache=True)
+@cached_njit
 def box_entries(p: Array, radius: Array, low: Array, high: Array) -> IntArray:
     """How (0 not at all) and at which step a path (K,3) with error radii (K,) first meets boxes (C,3), (C,3): (C,2).
 

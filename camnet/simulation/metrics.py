@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.geometry.rotations_compiled import angle_between
 from camnet.types import Array, TargetEstimate
 
@@ -23,7 +23,7 @@ def finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-@njit(cache=True)
+@cached_njit
 def _pose_error(p_hat: Array, q_hat: Array, p: Array, q: Array) -> tuple[float, float]:
     """Distance, m, and angle, rad, between two poses."""
     square = 0.0

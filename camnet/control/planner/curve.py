@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.control.planner.distance_kernel import segment_clearance, signed_distance
 from camnet.types import Array
 
@@ -24,13 +24,13 @@ _STACK = 64
 _SHORTEST = 1e-4
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _cubic(c: Array, u: float, p: Array) -> None:
     for k in range(3):
         p[k] = c[0, k] + u * (c[1, k] + u * (c[2, k] + u * c[3, k]))
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _coefficients(x: Array, v: Array, i: int, tau: float, row: Array, c: Array) -> None:
     """Fill the polynomial (4,3) of step ``i`` over u in (0, 1), relative to the obstacle's motion."""
     for k in range(3):
@@ -41,7 +41,7 @@ def _coefficients(x: Array, v: Array, i: int, tau: float, row: Array, c: Array) 
         c[2, k], c[3, k] = 3.0 * (x1 - x0) - 2.0 * v0 - v1, 2.0 * (x0 - x1) + v0 + v1
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _sag(c: Array, a: float, b: float) -> float:
     """Return the bound of the distance between the piece of ``c`` over (a, b) and its chord."""
     most = 0.0
@@ -53,7 +53,7 @@ def _sag(c: Array, a: float, b: float) -> float:
     return math.sqrt(most) * (b - a) ** 2 / 8.0
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def curve_clearance(x: Array, v: Array, tau: float, row: Array, resolution: float) -> tuple[float, float]:
     """Smallest distance to an obstacle: a lower bound at most ``resolution`` below it, and the time (s) of the closest.
 

@@ -22,8 +22,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["BOX", "CYLINDER", "ELLIPSOID", "ROW", "segment_clearance", "signed_distance"]
@@ -35,7 +35,7 @@ _NEWTON = 60
 _BISECTIONS = 30
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _ellipsoid(y: Array, a: Array, normal: Array) -> float:
     """Signed distance in body axes; ``y`` (3,) is changed to its absolute value."""
     smallest = min(a[0], a[1], a[2])
@@ -70,7 +70,7 @@ def _ellipsoid(y: Array, a: Array, normal: Array) -> float:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _box(y: Array, a: Array, normal: Array) -> float:
     outside, deepest, axis = 0.0, -math.inf, 0
     for i in range(3):
@@ -88,7 +88,7 @@ def _box(y: Array, a: Array, normal: Array) -> float:
     return deepest
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _cylinder(y: Array, a: Array, normal: Array) -> float:
     radius = math.hypot(y[0], y[1])
     ux, uy = (y[0] / radius, y[1] / radius) if radius > 0.0 else (1.0, 0.0)
@@ -106,7 +106,7 @@ def _cylinder(y: Array, a: Array, normal: Array) -> float:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def signed_distance(row: Array, p: Array, t_s: float, normal: Array) -> float:
     """Distance in m of ``p`` (3,) at ``t_s`` after the plan's start, negative inside; fills its gradient (3,)."""
     y, local = np.empty(3), np.empty(3)
@@ -125,7 +125,7 @@ def signed_distance(row: Array, p: Array, t_s: float, normal: Array) -> float:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def segment_clearance(row: Array, start: Array, end: Array, t_s: float) -> float:
     """Return the smallest signed distance of the points of a segment (ends (3,)) to the obstacle at ``t_s``.
 

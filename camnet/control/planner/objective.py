@@ -28,8 +28,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.control.planner.distance_kernel import signed_distance
 from camnet.estimation.pls.noise import process_covariance, transition
 from camnet.types import Array, BoolArray
@@ -40,7 +40,7 @@ __all__ = ["BAND", "evaluate", "hermite", "system", "weights"]
 BAND = 20
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def hermite(u: float, tau: float, h: Array) -> None:
     """Fill the weights ``h`` (4,) of x_i, v_i, x_{i+1}, v_{i+1} in the position at the share ``u`` of a step."""
     h[0] = (1.0 + 2.0 * u) * (1.0 - u) ** 2
@@ -49,7 +49,7 @@ def hermite(u: float, tau: float, h: Array) -> None:
     h[3] = tau * u * u * (u - 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def weights(par: Array, tau: float, s: Array, rest_speed: float, resting: BoolArray) -> Array:
     """Inverse process covariances (n-1,10,10) about a trajectory ``s`` (n,10); ``resting`` (n-1,) is filled.
 
@@ -68,12 +68,12 @@ def weights(par: Array, tau: float, s: Array, rest_speed: float, resting: BoolAr
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _softplus(x: float) -> float:
     return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _add_point(i: int, h: Array, grad: Array, hess: Array, g: Array, ab: Array) -> None:
     """Add gradient (3,) and curvature (3,3) by a point of the curve to those by the states i and i + 1."""
     base = 10 * i
@@ -91,13 +91,13 @@ def _add_point(i: int, h: Array, grad: Array, hess: Array, g: Array, ab: Array) 
                         ab[row - col, col] += f * hess[k, m]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _position(s: Array, i: int, h: Array, p: Array) -> None:
     for k in range(3):
         p[k] = h[0] * s[i, k] + h[1] * s[i, 3 + k] + h[2] * s[i + 1, k] + h[3] * s[i + 1, 3 + k]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _blocked(d: float, normal: Array, shape: Array, dt: float, grad: Array, hess: Array) -> float:
     """-log(1 - P_h) at distance ``d`` whose gradient is ``normal``; adds to ``grad`` and ``hess``."""
     x = (shape[0] - d) / shape[1]
@@ -113,7 +113,7 @@ def _blocked(d: float, normal: Array, shape: Array, dt: float, grad: Array, hess
     return float(rate * _softplus(x))
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _outline(p: Array, polygon: Array, normal: Array) -> float:
     """Depth of ``p`` inside a polygon (K,2), counter-clockwise, and its gradient."""
     best, inside = math.inf, False
@@ -136,7 +136,7 @@ def _outline(p: Array, polygon: Array, normal: Array) -> float:
     return float(-best)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _region(
     p: Array, planes: Array, disc: Array, polygon: Array, shape: Array, dt: float, grad: Array, hess: Array
 ) -> float:
@@ -157,7 +157,7 @@ def _region(
     return cost
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _acceleration(tau: float, s: Array, precision: float, g: Array, ab: Array) -> float:
     """1/2 int |x''|^2 precision dt of the Hermite curve: the stiffness of a beam."""
     a, b, c, d = 12.0 / tau**3, 6.0 / tau**2, 4.0 / tau, 2.0 / tau
@@ -175,7 +175,7 @@ def _acceleration(tau: float, s: Array, precision: float, g: Array, ab: Array) -
     return cost
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _process(
     par: Array, tau: float, s: Array, weight: Array, resting: BoolArray, g: Array, ab: Array, build: bool
 ) -> float:
@@ -204,7 +204,7 @@ def _process(
     return cost
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def evaluate(
     par: Array,
     tau: float,
@@ -286,7 +286,7 @@ def evaluate(
     return cost
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def system(g: Array, ab: Array) -> None:
     """Hold position and velocity of the first state: their rows and columns become those of the identity."""
     for k in range(6):

@@ -11,10 +11,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from camnet.compiled import cached_njit
 from camnet.control.planner.distance_kernel import segment_clearance, signed_distance
 from camnet.geometry.polytope import PolytopeRegion
 from camnet.geometry.regions import BoxRegion, CylinderRegion, Region
@@ -31,7 +31,7 @@ _CONVEX = (BoxRegion, CylinderRegion, PolytopeRegion)
 _STEPS = np.array([s for s in itertools.product((-1, 0, 1), repeat=3) if s > (0, 0, 0)])
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _clearances(points: Array, rows: Array) -> Array:
     out, normal = np.full(points.shape[0], np.inf), np.empty(3)
     for i in range(points.shape[0]):
@@ -40,7 +40,7 @@ def _clearances(points: Array, rows: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _clear(a: Array, b: Array, rows: Array, least: float) -> bool:
     for row in rows:  # noqa: SIM110 - the compiler has no all() over a generator
         if segment_clearance(row, a, b, 0.0) < least:
@@ -48,7 +48,7 @@ def _clear(a: Array, b: Array, rows: Array, least: float) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _edges(points: Array, gaps: Array, pairs: IntArray, rows: Array, least: float) -> BoolArray:
     """Which of the segments between ``pairs`` (E,2) of points are clear; far from obstacles that needs no test."""
     out = np.empty(pairs.shape[0], dtype=np.bool_)

@@ -11,8 +11,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.control.planner.distance_kernel import segment_clearance, signed_distance
 from camnet.control.planner.obstacles import Obstacle, pack
 from camnet.control.setpoints import Setpoint, at_ease, half_angle, loiter
@@ -40,7 +40,7 @@ def _offsets() -> Array:
 _OFFSETS = _offsets()
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _first(places: Array, point: Array, rows: Array, least: float, sight: float) -> int:
     """Return the first of ``places`` (K,3) that is free and sees ``point`` (3,), else the first free one, else -1."""
     normal, free = np.empty(3), -1

@@ -27,16 +27,16 @@ The prior (m, P) is the exact marginal of the frozen states, where (34) takes th
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.linalg import cho_factor, cho_solve
 
+from camnet.compiled import cached_njit
 from camnet.estimation.kalman.linalg import invert3
 from camnet.types import Array, BoolArray
 
 __all__ = ["backward", "forward", "full_phi", "solve_normal_equations"]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _observe(
     pred_d: Array, pred_p: Array, y: Array, r: Array, d: Array, p: Array, gain: Array, s_inv: Array
 ) -> None:
@@ -66,7 +66,7 @@ def _observe(
             p[j, i] = p[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _predict(d: Array, p: Array, jac: Array, q: Array, offset: Array, pred_d: Array, pred_p: Array) -> None:
     """Phi d + offset and Phi P Phi' + Q with the block form of Phi."""
     t = np.empty((6, 10))
@@ -102,7 +102,7 @@ def _predict(d: Array, p: Array, jac: Array, q: Array, offset: Array, pred_d: Ar
             pred_p[i, j] = p[i, j] + q[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def forward(
     n: int,
     s: Array,
@@ -154,7 +154,7 @@ def forward(
                     filt_p[i, m, j] = pred_p[i, m, j]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def backward(
     n: int,
     jac: Array,

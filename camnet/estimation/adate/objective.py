@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.kalman.linalg import invert3
 from camnet.estimation.pls.noise import transition
 from camnet.types import Array, BoolArray
@@ -21,7 +21,7 @@ from camnet.types import Array, BoolArray
 __all__ = ["objective", "squared_norm"]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def squared_norm(e: Array, cov: Array, low: Array) -> float:
     """E' cov^-1 e by Cholesky; inf when ``cov`` is not positive definite. ``low`` (10,10) is scratch."""
     n = e.shape[0]
@@ -48,7 +48,7 @@ def squared_norm(e: Array, cov: Array, low: Array) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def objective(
     n: int,
     par: Array,

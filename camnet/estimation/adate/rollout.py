@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.kalman.linalg import cholesky
 from camnet.estimation.pls.noise import channel_covariances, transition
 from camnet.types import Array
@@ -21,7 +21,7 @@ from camnet.types import Array
 __all__ = ["predict_step"]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def predict_step(
     par: Array, mean: Array, cov: Array, tau: float, rest: bool, power: float, steer: float
 ) -> None:

@@ -19,14 +19,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array, BoolArray
 
 __all__ = ["fade", "scores"]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def scores(
     n: int,
     lag: int,
@@ -110,7 +110,7 @@ def scores(
     return np_, dp, ns, ds
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def fade(n: int, s: Array, nxt: Array, q: Array, tau: Array, memory: float) -> None:
     """Fading-memory update (35)-(36) of every transition covariance of the window, with its floor.
 

@@ -6,8 +6,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.adate.settings import AdateSettings
 from camnet.estimation.adate.weights import GATE, LOCAL, NONE, STUDENT
 from camnet.estimation.adate.window import Window
@@ -60,7 +60,7 @@ class Track:
         self.restarts = self.fallbacks = 0
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def linearise_window(
     n: int,
     par: Array,
@@ -79,7 +79,7 @@ def linearise_window(
         channel_covariances(par, s[i], nxt[i], tau[i], resting, jac[i], q_power[i], q_steer[i], q_iso[i])
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def largest_defect(n: int, s: Array, nxt: Array, q: Array) -> float:
     """Return the largest squared transition error in units of its variances (inf when not finite)."""
     worst = 0.0
@@ -93,7 +93,7 @@ def largest_defect(n: int, s: Array, nxt: Array, q: Array) -> float:
     return worst
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def mix(
     first: int, n: int, power: float, steer: float, q_power: Array, q_steer: Array, q_iso: Array, q: Array
 ) -> None:

@@ -24,8 +24,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.kalman.linalg import invert3
 from camnet.types import Array, BoolArray, IntArray
 
@@ -34,7 +34,7 @@ __all__ = ["GATE", "LOCAL", "NONE", "STUDENT", "combine", "learn_scale", "reweig
 NONE, LOCAL, GATE, STUDENT = 0, 1, 2, 3
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _deviation(e: Array, inv: Array) -> float:
     """E' inv e for three components."""
     total = 0.0
@@ -44,7 +44,7 @@ def _deviation(e: Array, inv: Array) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _root(a: Array, low: Array) -> None:
     """Lower Cholesky factor of a symmetric positive definite (3,3)."""
     low[:] = 0.0
@@ -56,7 +56,7 @@ def _root(a: Array, low: Array) -> None:
     low[2, 2] = math.sqrt(a[2, 2] - low[2, 0] * low[2, 0] - low[2, 1] * low[2, 1])
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _scaled(given: Array, scale: Array, weight: float, prior: float, low: Array, out: Array) -> None:
     """Covariance L ((prior I + weight scale)/(prior + weight)) L^T with L L^T the given one."""
     _root(given, low)
@@ -74,7 +74,7 @@ def _scaled(given: Array, scale: Array, weight: float, prior: float, low: Array,
             out[a, b] = acc / (prior + weight)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _gate(n: int, s: Array, obs: Array, given: Array, has: BoolArray, ceiling: float) -> float:
     """Squared deviation above which the printed rule acts: nine mean squares, at most ``ceiling``."""
     low = np.empty((3, 3))
@@ -94,7 +94,7 @@ def _gate(n: int, s: Array, obs: Array, given: Array, has: BoolArray, ceiling: f
     return gate
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _middle(values: Array, count: int) -> float:
     """Median of the first ``count`` values, which are sorted in place."""
     for i in range(1, count):
@@ -109,7 +109,7 @@ def _middle(values: Array, count: int) -> float:
     return middle
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _consensus(
     n: int, s: Array, obs: Array, has: BoolArray, span: int, single: Array, local: Array, hits: IntArray
 ) -> None:
@@ -164,7 +164,7 @@ def _consensus(
                     hits[i, j] = 0
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def reweight(
     rule: int,
     n: int,
@@ -239,7 +239,7 @@ def reweight(
                             r[i, j, a, b] += factor * e[a] * e[b]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def combine(n: int, obs: Array, has: BoolArray, r: Array, z: Array, rbar: Array, seen: BoolArray) -> None:
     """Combine the observers of each step into one observation ``z`` (n,3) of covariance ``rbar`` (n,3,3)."""
     inv = np.empty((3, 3))
@@ -263,7 +263,7 @@ def combine(n: int, obs: Array, has: BoolArray, r: Array, z: Array, rbar: Array,
                 z[i, a] = rbar[i, a, 0] * vec[0] + rbar[i, a, 1] * vec[1] + rbar[i, a, 2] * vec[2]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def learn_scale(
     s: Array,
     obs: Array,

@@ -17,8 +17,8 @@ votes are nearest, which the mode of a width like that error finds.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["geometric_median", "mode", "weighted_mean"]
@@ -28,7 +28,7 @@ _ITERATIONS = 100
 _TOLERANCE_M = 1e-4
 
 
-@njit(cache=True)
+@cached_njit
 def weighted_mean(points: Array, weights: Array) -> Array:
     """Mean (2,)."""
     total = 0.0
@@ -40,7 +40,7 @@ def weighted_mean(points: Array, weights: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def geometric_median(points: Array, weights: Array) -> Array:
     """Geometric median (2,)."""
     x = weighted_mean(points, weights)
@@ -60,7 +60,7 @@ def geometric_median(points: Array, weights: Array) -> Array:
     return x
 
 
-@njit(cache=True)
+@cached_njit
 def _density(points: Array, weights: Array, x: Array, width_m: float) -> float:
     total = 0.0
     for k in range(len(points)):
@@ -69,7 +69,7 @@ def _density(points: Array, weights: Array, x: Array, width_m: float) -> float:
     return total
 
 
-@njit(cache=True)
+@cached_njit
 def mode(points: Array, weights: Array, width_m: float) -> Array:
     """Mode (2,) of the kernel density: mean shift from the vote, or geometric median, where the density is largest."""
     x = geometric_median(points, weights)

@@ -12,14 +12,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.types import Array, IntArray
 
 __all__ = ["nearest_lessons", "nearest_lessons_reference", "vote_weights"]
 
 
-@njit(cache=True)
+@cached_njit
 def nearest_lessons(
     query: Array,
     query_t_s: float,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from camnet.compiled import cached_njit
 from camnet.errors import DataError
 from camnet.types import Array
 
@@ -17,7 +17,7 @@ _NO_OBS = np.zeros((0, 3))
 _NO_COV = np.zeros((0, 3, 3))
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def sound(obs: Array, cov: Array) -> bool:
     """Whether all values are finite and every covariance (m,3,3) is symmetric positive definite."""
     for k in range(obs.shape[0]):

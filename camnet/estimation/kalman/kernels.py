@@ -19,8 +19,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.kalman.linalg import cholesky, invert3
 from camnet.estimation.pls.noise import process_covariance, transition
 from camnet.types import Array
@@ -28,7 +28,7 @@ from camnet.types import Array
 __all__ = ["observe", "predict_linearised", "predict_unscented", "smooth_lag", "smoother_gain"]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def predict_linearised(
     kind: int,
     par: Array,
@@ -90,7 +90,7 @@ def predict_linearised(
             pp[j, i] = pp[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def predict_unscented(
     kind: int,
     par: Array,
@@ -162,7 +162,7 @@ def predict_unscented(
                 c[i, j] += a * (pts[2 * col + 1, j] - pts[2 * col + 2, j])
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def observe(x: Array, p: Array, obs: Array, cov: Array) -> None:
     """Take the positions ``obs`` (m,3) with covariances ``cov`` (m,3,3) into (x, p) in place, in Joseph form."""
     n = x.shape[0]
@@ -195,7 +195,7 @@ def observe(x: Array, p: Array, obs: Array, cov: Array) -> None:
                 p[j, i] = p[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def smoother_gain(pp: Array, c: Array, g: Array) -> None:
     """Smoother gain G = C Pp^-1 by Cholesky."""
     n = pp.shape[0]
@@ -214,7 +214,7 @@ def smoother_gain(pp: Array, c: Array, g: Array) -> None:
             g[r, i] = acc / low[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def smooth_lag(last: int, lag: int, filtered: Array, predicted: Array, gains: Array, out: Array) -> None:
     """Rauch-Tung-Striebel means of the steps ``last - lag`` to ``last``, written to ``out`` (k,n).
 

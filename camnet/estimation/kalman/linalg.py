@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from camnet.compiled import cached_njit
 from camnet.types import Array
 
 __all__ = ["cholesky", "invert3"]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def cholesky(p: Array, low: Array) -> None:
     """Lower factor of ``p``; pivots that rounding made negative are raised to a hair above zero."""
     n = p.shape[0]
@@ -28,7 +27,7 @@ def cholesky(p: Array, low: Array) -> None:
         low[i, i] = math.sqrt(max(acc, 1e-14 * abs(p[i, i]) + 1e-300))
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def invert3(a: Array, out: Array) -> None:
     """Inverse of a symmetric positive definite (3,3) by cofactors."""
     c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2]

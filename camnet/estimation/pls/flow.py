@@ -25,8 +25,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.pls.speed import speed_transition
 from camnet.types import Array
 
@@ -45,7 +45,7 @@ def skew(a: Array) -> Array:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _turn(c: Array, t: float, rot: Array) -> tuple[float, float]:
     """Fill ``rot`` (3,3) with exp(t [c]x); return the coefficients of J(t)."""
     c2 = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
@@ -75,7 +75,7 @@ def _turn(c: Array, t: float, rot: Array) -> tuple[float, float]:
     return a2, a3
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def flow(kind: int, s: Array, tau: float, alpha: float, beta: float, out: Array) -> None:
     """State after ``tau`` written to ``out`` (10,); p and cT stay.
 
@@ -105,7 +105,7 @@ def flow(kind: int, s: Array, tau: float, alpha: float, beta: float, out: Array)
                 out[3 + i] = vi
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def flow_derivative(
     kind: int, s: Array, tau: float, alpha: float, beta: float, out: Array, jac: Array
 ) -> None:

@@ -21,8 +21,8 @@ is the limit that keeps an estimator alive: constant velocity with white acceler
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from camnet.compiled import cached_njit
 from camnet.estimation.pls.flow import POWER_LIMITED, flow, flow_derivative
 from camnet.types import Array
 
@@ -47,7 +47,7 @@ _X4 = np.array([0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.
 _W4 = np.array([0.17392742256872692, 0.32607257743127307, 0.32607257743127307, 0.17392742256872692])
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def transition(par: Array, s: Array, tau: float, rest: bool, out: Array, jac: Array) -> bool:
     """Flow and derivative of one step; constant velocity when ``rest`` or slower than ``rest_speed``.
 
@@ -71,7 +71,7 @@ def transition(par: Array, s: Array, tau: float, rest: bool, out: Array, jac: Ar
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _gain(kind: int, s: Array, g: Array) -> None:
     """Effect (3,4) of power and angular velocity on the acceleration: [u/r, -[v]x]."""
     r2 = s[3] * s[3] + s[4] * s[4] + s[5] * s[5]
@@ -83,7 +83,7 @@ def _gain(kind: int, s: Array, g: Array) -> None:
     g[2, 1], g[2, 2], g[2, 3] = s[4], -s[3], 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _moving(par: Array, s: Array, end: Array, tau: float, jac: Array, q_power: Array, q_steer: Array) -> None:
     """Add the integral (72) of a moving body to the lower triangles of ``q_power`` and ``q_steer``."""
     kind = int(par[0])
@@ -119,7 +119,7 @@ def _moving(par: Array, s: Array, end: Array, tau: float, jac: Array, q_power: A
         _accumulate(par, b, _W4[k] * tau, q_power, q_steer)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _accumulate(par: Array, b: Array, w: float, q_power: Array, q_steer: Array) -> None:
     """Add w B D B' of one node, B (6,4) over the identity of the power and turn rate."""
     for i in range(6):
@@ -133,7 +133,7 @@ def _accumulate(par: Array, b: Array, w: float, q_power: Array, q_steer: Array) 
             q_steer[7 + m, i] += w * par[4 + m] * b[i, 1 + m]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _changing(par: Array, s: Array, tau: float, q_power: Array, q_steer: Array) -> None:
     """As `_moving` where the speed changes much within the step: B from the flow at every node."""
     mid = np.empty(10)
@@ -145,7 +145,7 @@ def _changing(par: Array, s: Array, tau: float, q_power: Array, q_steer: Array) 
         _accumulate(par, jac[:, 3:7], _W4[k] * tau, q_power, q_steer)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def channel_covariances(
     par: Array,
     s: Array,
@@ -193,7 +193,7 @@ def channel_covariances(
             q_iso[j, i] = q_iso[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def process_covariance(
     par: Array, s: Array, end: Array, tau: float, resting: bool, jac: Array, q: Array
 ) -> None:

@@ -32,7 +32,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from camnet.compiled import cached_njit
 
 __all__ = ["compensation", "equilibrium_speed", "speed_transition"]
 
@@ -56,7 +57,7 @@ def equilibrium_speed(p: float, alpha: float, beta: float) -> float:
     return 2.0 * p / (beta + math.sqrt(beta * beta + 4.0 * alpha * p)) if p > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _root_form(r: float, p: float, tau: float, alpha: float, beta: float) -> tuple[float, float, float]:
     """Branch with two well separated real roots: Newton on G(y); returns (r1, Psi, P)."""
     gamma = math.sqrt(beta * beta + 4.0 * alpha * p)
@@ -119,7 +120,7 @@ def _root_form(r: float, p: float, tau: float, alpha: float, beta: float) -> tup
     return r1, psi, pow_
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _travel_time(r0: float, r1: float, p: float, alpha: float, beta: float) -> float:
     """Time to slow from r0 to r1 where D > 0 throughout, the integral of u/D(u) (45)."""
     d0 = alpha * r0 * r0 + beta * r0 - p
@@ -140,7 +141,7 @@ def _travel_time(r0: float, r1: float, p: float, alpha: float, beta: float) -> f
     return 0.5 * math.log(d0 / d1) / alpha - beta / alpha * inverse
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def _braking_form(r: float, p: float, tau: float, alpha: float, beta: float) -> tuple[float, float, float]:
     """Branch of strong braking: Newton on the travel time in the variable w = r^2/2; returns (r1, Psi, P)."""
     if r <= 0.0 or tau >= _travel_time(r, 0.0, p, alpha, beta):
@@ -175,7 +176,7 @@ def _braking_form(r: float, p: float, tau: float, alpha: float, beta: float) -> 
     return r1, d1 * r / (d0 * r1), d1 / r1 * integral
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def speed_transition(r: float, p: float, tau: float, alpha: float, beta: float) -> tuple[float, float, float]:
     """Speed after ``tau`` and its derivatives, with the specific power held (17).
 
@@ -199,7 +200,7 @@ def speed_transition(r: float, p: float, tau: float, alpha: float, beta: float) 
     return _braking_form(r, p, tau, alpha, beta)
 
 
-@njit(cache=True, error_model="numpy")
+@cached_njit(error_model="numpy")
 def compensation(r: float, p: float, tau: float, alpha: float, beta: float, power_density: float) -> float:
     """Mean shift of the speed by the random power during the step, (18) and appendix B.
 

@@ -17,9 +17,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from camnet.compiled import cached_njit
 from camnet.sensing.visual.patch import Image
 
 __all__ = ["CHANNELS", "Features", "hog"]
@@ -63,7 +63,7 @@ def hog(patch: Image, cell: int) -> Features:
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _share(n: int, cell: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Lower of the two nearest cells of each pixel, counted with the rim, and the share of the upper one."""
     lower, share = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.float32)
@@ -74,7 +74,7 @@ def _share(n: int, cell: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     return lower, share
 
 
-@njit(cache=True)
+@cached_njit
 def _vote(patch: Image, cell: int, table: NDArray[np.uint8], votes: Features) -> None:
     """Add each pixel's gradient to the four nearest cells."""
     height, width, channels = patch.shape
@@ -106,7 +106,7 @@ def _vote(patch: Image, cell: int, table: NDArray[np.uint8], votes: Features) ->
             lower[k + 1, o] += low_right
 
 
-@njit(cache=True)
+@cached_njit
 def _normalise(votes: Features, out: Features) -> None:
     """Votes to features."""
     rows, columns = out.shape[0], out.shape[1]

@@ -1,17 +1,18 @@
 """What a compiled function is made of: a digest of its own code and of all that it takes from elsewhere.
 
-Numba keeps compiled code on disk until the *file* of the function changes. What the function calls is part of its
-code too, and often lives in other files. The digest follows every name that the byte code reads:
+What a function calls is part of its code too, and often lives in other files. The digest follows every name that the
+byte code reads:
 
 | name stands for | part of the digest |
 | --- | --- |
 | a compiled function | its byte code and options, and so on with the names that it reads |
-| an intrinsic, an instance of a class | the whole file that defines it (its class) |
+| an intrinsic, an instance of a class | the whole file that defines it (its class), and what the instance says itself |
 | a number, a string, an array, a tuple of such | the value |
 | a class | its name, and a named tuple's fields |
 | anything else | its name |
 
-Docstrings, comments and line numbers are left out.
+Docstrings, comments and line numbers are left out. An instance that stands for more than the file of its class has a
+method ``compiled_source`` that says so (`layout_text` for a named tuple).
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from functools import cache
 from pathlib import Path
 from sys import modules
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numba import extending as _extending
 from numba.core import types as _types
 from numba.core.dispatcher import Dispatcher as _Dispatcher
 
-__all__ = ["fields_of", "source_digest"]
+__all__ = ["layout_text", "source_digest", "type_text"]
 
 #: the inside of Numba has types in part only
 types: Any = _types
@@ -37,19 +38,17 @@ extending: Any = _extending
 _VALUES = (bool, int, float, complex, str, bytes, type(None), np.generic)
 
 
-def source_digest(function: FunctionType, package: str) -> str | None:
+def source_digest(function: FunctionType) -> str:
     """Digest of a function that is compiled, and of all that it calls and reads.
 
     Parameters
     ----------
     function : the Python function, ``py_func`` of a compiled one
-    package : name of a package
 
     Returns
     -------
-    str or None
+    str
         The same for the same code in every process; another one once anything that is compiled into it has changed.
-        None if neither the function nor any that it calls is of ``package``.
     """
     found, waiting = {function}, [function]
     total = hashlib.sha256()
@@ -59,26 +58,46 @@ def source_digest(function: FunctionType, package: str) -> str | None:
         fresh = [f for f in dict.fromkeys(calls) if f not in found]
         found.update(fresh)
         waiting.extend(fresh)
-    if any(f.__module__.split(".")[0] == package for f in found):
-        return total.hexdigest()
-    return None
+    return total.hexdigest()
 
 
-def fields_of(of: Any) -> tuple[Any, ...]:  # noqa: ANN401 - one of Numba's types
-    """Names of a named tuple's fields, in their order, with those of named tuples inside; of another type nothing.
+def type_text(of: Any) -> str:  # noqa: ANN401 - one of Numba's types
+    """Describe a type for a name on disk: with the class and the fields' names of named tuples, and of those inside.
 
-    Numba tells two named tuples apart by their class and by the types of their fields alone.
+    Numba's own name of a named tuple tells its class's name and the fields' types alone.
     """
-    if not isinstance(of, types.BaseNamedTuple):
-        return ()
-    return (of.fields, tuple(fields_of(field) for field in of.types))
+    text = f"{type(of).__name__} {of}"
+    if isinstance(of, types.BaseNamedTuple):
+        made = of.instance_class
+        inside = [type_text(field) for field in of.types]
+        return f"{text} of {made.__module__}.{made.__qualname__} {of.fields} {inside}"
+    if isinstance(of, types.BaseTuple):
+        return f"{text} {[type_text(field) for field in of]}"
+    return text
+
+
+def layout_text(made: type, seen: tuple[type, ...] = ()) -> str:
+    """Describe a class of named tuples: its fields and their annotations, and those of named tuples inside."""
+    text = f"{made.__module__}.{made.__qualname__}"
+    if not hasattr(made, "_fields") or made in seen:
+        return text
+    try:
+        hints = get_type_hints(made)
+    except NameError:  # names that only a type checker sees
+        hints = dict(made.__annotations__)
+    inside = [
+        f"{name}: {layout_text(of, (*seen, made)) if isinstance(of, type) else of}"
+        for name, of in hints.items()
+    ]
+    return f"{text}({', '.join(inside)})"
 
 
 @cache
 def _direct(function: FunctionType) -> tuple[bytes, tuple[FunctionType, ...]]:
     """Return what a function itself is made of, and the compiled functions that it reads."""
     calls: list[FunctionType] = []
-    parts = [_code(function.__code__, function.__doc__), repr(function.__defaults__)]
+    defaults = (function.__defaults__, function.__kwdefaults__)
+    parts = [_code(function.__code__, function.__doc__), repr(defaults)]
     for cell in function.__closure__ or ():
         parts.append(_value(cell.cell_contents, (), calls))
     names = tuple(dict.fromkeys(_names(function.__code__)))
@@ -97,7 +116,9 @@ def _names(code: CodeType) -> Iterator[str]:
 
 def _code(code: CodeType, doc: str | None) -> str:
     constants = [_constant(c) for c in code.co_consts if doc is None or c != doc]
-    return f"{code.co_code.hex()} {constants} {code.co_names} {code.co_varnames} {code.co_freevars}"
+    counts = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
+    names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
+    return f"{code.co_code.hex()} {code.co_exceptiontable.hex()} {counts} {constants} {names}"
 
 
 def _constant(value: Any) -> str:  # noqa: ANN401
@@ -126,7 +147,8 @@ def _value(value: Any, names: tuple[str, ...], calls: list[FunctionType]) -> str
         return _file(value._defn.__module__)
     if hasattr(value, "__qualname__"):  # a function of Python's or of a library
         return f"{value.__module__}.{value.__qualname__}"
-    return _file(type(value).__module__)
+    text = _file(type(value).__module__)
+    return f"{text} {value.compiled_source()}" if hasattr(value, "compiled_source") else text
 
 
 @cache
