@@ -57,7 +57,7 @@ def test_another_layout_is_refused_before_and_at_the_call() -> None:
     with pytest.raises(TypeError, match="_Outside: pinned as"):
         _PINS.pin(_tuple()._replace(table=np.asfortranarray(np.zeros((4, 2)))))
     pinned._room[:8] = 7  # as of a layout that the code was not compiled for
-    with pytest.raises(StaleCodeError, match="clear Numba's cache"):
+    with pytest.raises(StaleCodeError, match="clear the cache of kernels"):
         _sum_up(pinned.at, 0, np.zeros(1))
 
 
