@@ -7,28 +7,28 @@ ASCII; ``1_000``, ``nan`` and ``inf``, which Python's own conversions take, are 
 from __future__ import annotations
 
 import argparse
-import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-__all__ = ["MAX_SEED", "MAX_SEEDS", "Seeds", "non_negative", "positive", "seed", "seeds", "whole"]
+from camnet.errors import ConfigError
+from camnet.numerals import read_decimal, read_whole
+
+__all__ = ["MAX_SEED", "MAX_SEEDS", "Seeds", "non_negative", "numbers", "positive", "seed", "seeds", "whole"]
 
 #: largest seed of the command line: what 32 bits hold
 MAX_SEED = 2**32 - 1
 #: most seeds of one command
 MAX_SEEDS = 10_000
 
-_WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
-_REAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 _RANGE = re.compile(r"([0-9]{1,18})(?:-([0-9]{1,18}))?")
 
 
 def _real(text: str, what: str) -> float:
-    value = float(text) if _REAL.fullmatch(text.strip()) else math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give {what}, such as 2.5")
-    return value
+    try:
+        return read_decimal(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number; give {what}, such as 2.5") from None
 
 
 def positive(text: str) -> float:
@@ -51,12 +51,31 @@ def whole(least: int, most: int) -> Callable[[str], int]:
     """Return a parser of whole numbers from ``least`` to ``most``."""
 
     def parse(text: str) -> int:
-        value = int(text) if _WHOLE.fullmatch(text.strip()) else None
-        if value is None or not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"{text!r}: give a whole number from {least} to {most}")
-        return value
+        try:
+            return read_whole(text, least, most)
+        except ValueError:
+            raise argparse.ArgumentTypeError(
+                f"{text!r}: give a whole number from {least} to {most}"
+            ) from None
 
     return parse
+
+
+def numbers(option: str, text: str, names: Sequence[str], example: str) -> list[float]:
+    """Parse numbers with commas between them, one for each name.
+
+    Raises
+    ------
+    ConfigError
+        Names the option, quotes the text and shows an example.
+    """
+    parts = text.split(",")
+    try:
+        if len(parts) != len(names):
+            raise ValueError(f"{len(names)} numbers were expected, not {len(parts)}")
+        return [read_decimal(part) for part in parts]
+    except ValueError as error:
+        raise ConfigError(f"{option} {text!r}: {error}: give {','.join(names)}, such as {example}") from None
 
 
 def seed(text: str) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.arguments import non_negative
+from camnet.cli.arguments import non_negative, numbers
 from camnet.cli.common import add_common, overrides, positive, progress_bar, say, warn
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
 
@@ -211,16 +211,20 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
 
 def _image(text: str) -> tuple[int, int]:
     from camnet.errors import ConfigError
+    from camnet.numerals import read_whole
 
     parts = text.lower().split("x")
-    if len(parts) != 2 or not all(p.isdigit() and int(p) > 0 for p in parts):
-        raise ConfigError(f"--image {text!r}: width x height in pixels was expected, such as 1920x1080")
-    return int(parts[0]), int(parts[1])
+    try:
+        width, height = (read_whole(part, 1, 20_000) for part in parts)
+    except ValueError as error:
+        raise ConfigError(
+            f"--image {text!r}: width x height in pixels was expected, such as 1920x1080 ({error})"
+        ) from None
+    return width, height
 
 
 def read_tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     """Read ``--tracks``: ETH/UCY text, or a CSV table."""
-    from camnet.errors import ConfigError
     from camnet.importers.csv_tracks import read_csv_tracks
     from camnet.importers.eth_tracks import read_eth_tracks
     from camnet.importers.fixes import TrackOptions
@@ -228,12 +232,8 @@ def read_tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported lat
 
     origin = None
     if args.origin is not None:
-        try:
-            origin = Origin(*(float(x) for x in args.origin.split(",")))
-        except (ValueError, TypeError):
-            raise ConfigError(
-                f"--origin {args.origin!r}: latitude,longitude,altitude was expected, such as 39.05,-85.53,205"
-            ) from None
+        names = ("latitude", "longitude", "altitude")
+        origin = Origin(*numbers("--origin", args.origin, names, "39.05,-85.53,205"))
     read = read_eth_tracks if args.tracks.suffix == ".txt" else read_csv_tracks
     return read(args.tracks, TrackOptions(origin=origin))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -142,8 +143,10 @@ def _write(folder: Path, args: argparse.Namespace, content: dict[str, Any], desi
     with whole_folder(folder) as temporary:
         write_json(temporary / "design.json", content)
         if designed is not None:
-            rows = "".join(f"{c['name']},{c['x']:.3f},{c['y']:.3f}\n" for c in content["cameras"])
-            (temporary / "cameras.csv").write_text("name,x,y\n" + rows, encoding="utf-8")
+            with (temporary / "cameras.csv").open("w", encoding="utf-8", newline="") as stream:
+                writer = csv.writer(stream, lineterminator="\n")
+                writer.writerow(("name", "x", "y"))
+                writer.writerows((c["name"], f"{c['x']:.3f}", f"{c['y']:.3f}") for c in content["cameras"])
             verdict = "certified" if content["certified"] else "not certified"
             reason = f"{content['count']} cameras, at least {content['lower_bound']} are needed"
             page = {

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 from typing import Any
 
 from camnet import __version__
+from camnet.cli.arguments import numbers
 from camnet.cli.common import add_common, progress_bar, say
 from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
 from camnet.errors import ConfigError
@@ -61,13 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _numbers(text: str) -> list[float]:
-    parts = re.split(r"[,\s]+", text.strip())
-    try:
-        values = [float(part) for part in parts]
-    except ValueError:
-        values = []
-    if len(values) != 4 or min(values[2:], default=0.0) <= 0.0:
-        raise ConfigError(
-            f"--box {text!r}: give four numbers x,y,width,height in pixels, such as 51,53,87,290"
-        )
+    values = numbers("--box", text, ("x", "y", "width", "height"), "51,53,87,290")
+    if min(values[2:]) <= 0.0:
+        raise ConfigError(f"--box {text!r}: width and height are pixels above 0, such as 51,53,87,290")
     return values

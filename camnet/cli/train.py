@@ -117,11 +117,6 @@ def _settings(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
 
 
 def _value(text: str, value: str) -> Any:  # noqa: ANN401 - any YAML
-    import yaml
+    from camnet.config.yaml_nodes import Origin, parse_yaml
 
-    from camnet.errors import ConfigError
-
-    try:
-        return yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"--set {text}: the value is not YAML: {error}") from None
+    return parse_yaml(value, Origin(f"--set {text}")).plain()

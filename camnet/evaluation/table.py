@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import html
+import re
 from pathlib import Path
 from typing import Any
 
 from camnet.evaluation.plot import draw_scores
 from camnet.evaluation.scores import METRICS
 from camnet.report.html import picture, table, write_page
+from camnet.report.markup import cell, link, shown
 
 __all__ = ["markdown", "write_tables"]
 
@@ -64,43 +65,51 @@ def _words(names: list[str]) -> list[str]:
 
 
 def _lines(head: list[str], rows: list[list[str]]) -> list[str]:
-    return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
+    escaped = [[cell(text) for text in row] for row in (head, *rows)]
+    return [f"| {' | '.join(cells)} |" for cells in (escaped[0], ["---"] * len(head), *escaped[1:])]
 
 
 def markdown(content: dict[str, Any]) -> str:
     """Return the tables of all worlds in Markdown: means over episodes with 95 % bootstrap intervals."""
     parts = []
     for entry in content["worlds"]:
-        parts += [f"## {entry['world']}: {entry['episodes']} episodes", ""]
+        parts += [f"## {cell(entry['world'])}: {entry['episodes']} episodes", ""]
         parts += [*_lines(["agent", *_measured(entry)], _rows(entry)), ""]
         if entry["comparisons"]:
-            parts += [f"`{content['reference']}` less each other agent, on the same seeds:", ""]
+            parts += [f"{cell(content['reference'])} less each other agent, on the same seeds:", ""]
             names = list(next(iter(entry["comparisons"].values())))
             parts += [*_lines(["agent", *names], _differences(entry)), ""]
     return "\n".join(parts)
+
+
+def _plot_name(world: str, taken: set[str]) -> str:
+    """Return a file name for a world's picture that no other world of the page has."""
+    base = re.sub(r"[^A-Za-z0-9_.-]+", "_", world).strip("._")[-100:]
+    number = next(k for k in range(len(taken) + 1) if (base if k == 0 else f"{base}-{k + 1}") not in taken)
+    name = base if number == 0 else f"{base}-{number + 1}"
+    taken.add(name)
+    return f"scores_{name}.png"
 
 
 def write_tables(folder: Path, content: dict[str, Any], videos: dict[str, list[Path]]) -> None:
     """Write ``table.md``, ``report.html`` and a picture of each world's scores, ``scores_WORLD.png``."""
     (folder / "table.md").write_text(markdown(content), encoding="utf-8")
     parts = ["<h1>Evaluation</h1>"]
+    taken: set[str] = set()
     for entry in content["worlds"]:
-        parts.append(f"<h2>{html.escape(entry['world'])}: {entry['episodes']} episodes</h2>")
-        plot = folder / f"scores_{entry['world'].replace('/', '_')}.png"
+        parts.append(f"<h2>{shown(entry['world'])}: {entry['episodes']} episodes</h2>")
+        plot = folder / _plot_name(entry["world"], taken)
         draw_scores(plot, entry, content["reference"])
-        parts.append(picture(plot, f"scores of {html.escape(entry['world'])}"))
+        parts.append(picture(plot, f"scores of {entry['world']}"))
         parts.append(table(["agent", *_words(_measured(entry))], _broken(_rows(entry))))
         if entry["comparisons"]:
-            reference = html.escape(content["reference"])
             parts.append(
-                f"<p><b>{reference}</b> less each other agent on the same seeds, sign-flip test:</p>"
+                f"<p><b>{shown(content['reference'])}</b> less each other agent on the same seeds, sign-flip test:</p>"
             )
             names = list(next(iter(entry["comparisons"].values())))
             parts.append(table(["agent", *_words(names)], _broken(_differences(entry))))
         for path in videos.get(entry["world"], []):
-            parts.append(
-                f'<p>{html.escape(path.stem)}</p><video controls src="{html.escape(path.name)}"></video>'
-            )
+            parts.append(f'<p>{shown(path.stem)}</p><video controls src="{link(path.name)}"></video>')
     meanings = [
         [name, m.unit, "more" if m.more_is_better else "less", m.meaning] for name, m in METRICS.items()
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from camnet.report.html import table, write_page
+from camnet.report.markup import shown
 from camnet.report.style import figure_style, save
 from camnet.types import Array
 
@@ -49,8 +49,8 @@ def write_certificate(
     network = report["network"]
     title = str(network.get("name", "certificate"))
     body = [
-        f"<h1>{html.escape(title)}</h1><p>{network['cameras']} cameras, {network['regions']} regions; "
-        f"targets: {html.escape(report['target_class'])}</p>",
+        f"<h1>{shown(title)}</h1><p>{shown(network['cameras'])} cameras, {shown(network['regions'])} regions; "
+        f"targets: {shown(report['target_class'])}</p>",
         "<h2>Certificates</h2>",
         table(
             ("certificate", "verdict", "reason"),
@@ -66,7 +66,7 @@ def write_certificate(
     if len(report["transitions"]) > _MOST_ROWS:
         body.append(f"<p>{len(report['transitions'])} transitions in all: see certificate.json.</p>")
     if report.get("assumptions"):
-        items = "".join(f"<li>{html.escape(str(a))}</li>" for a in report["assumptions"])
+        items = "".join(f"<li>{shown(a)}</li>" for a in report["assumptions"])
         body.append(f"<h2>Assumptions of sound</h2><ul>{items}</ul>")
     write_page(folder / "report.html", f"camnet: certificate of {title}", "\n".join(body))
 
@@ -132,13 +132,13 @@ def _svg(views: Sequence[tuple[str, Array]], lines: Sequence[MapLine]) -> str:
 
     parts = [
         f'<polygon points="{place(o)}" fill="{_VIEW}" fill-opacity="0.12" stroke="{_VIEW}">'
-        f"<title>{html.escape(name)}</title></polygon>"
+        f"<title>{shown(name)}</title></polygon>"
         for name, o in views
     ]
     order = sorted(lines, key=lambda line: line.verdict != "seen")
     parts += [
         f'<polyline points="{place(line.points)}" fill="none" stroke="{VERDICT_COLOURS[line.verdict]}" '
-        f'stroke-width="{2 if line.verdict == "seen" else 4}"><title>{html.escape(line.words)}</title></polyline>'
+        f'stroke-width="{2 if line.verdict == "seen" else 4}"><title>{shown(line.words)}</title></polyline>'
         for line in order
     ]
     w, h = ((high - low) * scale + 20.0).tolist()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import base64
-import html
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from camnet.report.markup import link, shown
 from camnet.report.run_data import RunData
 from camnet.report.style import FILTER_LABELS
 
@@ -31,7 +31,7 @@ pre{background:#f6f5f1;padding:1rem;overflow-x:auto;font-size:12px}
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped, and stand in small letters from their first line break on."""
-    line = "<tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"
+    line = "<tr>" + "".join(f"<th>{shown(h)}</th>" for h in head) + "</tr>"
     body = "".join(
         "<tr>" + "".join(f"<td{_class(c)}>{_lines(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
     )
@@ -40,7 +40,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def _lines(text: str) -> str:
     first, _, more = text.partition("\n")
-    return html.escape(first) + (f"<small>{html.escape(more)}</small>" if more else "")
+    return shown(first) + (f"<small>{shown(more)}</small>" if more else "")
 
 
 def _class(value: object) -> str:
@@ -63,7 +63,7 @@ def _cell(value: object) -> str:
 def write_page(path: Path, title: str, body: str) -> None:
     """Write one self-contained page (a temporary name first)."""
     page = (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{shown(title)}</title>'
         f"<style>{_STYLE}</style></head><body>{body}</body></html>\n"
     )
     temporary = path.with_suffix(".partial")
@@ -74,7 +74,7 @@ def write_page(path: Path, title: str, body: str) -> None:
 def write_report(run: RunData, path: Path) -> None:
     """Write the report of a network run from what lies in its folder."""
     scenario, summary = run.network.scenario, run.summary
-    parts = [f"<h1>{html.escape(scenario.name)}</h1><p>{html.escape(scenario.description)}</p>"]
+    parts = [f"<h1>{shown(scenario.name)}</h1><p>{shown(scenario.description)}</p>"]
     if summary["interrupted"]:
         parts.append(
             f'<p class="warn">This run was interrupted after {summary["simulated_s"]:.1f} of '
@@ -86,9 +86,7 @@ def write_report(run: RunData, path: Path) -> None:
     parts += ["<h2>Handoffs</h2>", _handoff_table(run)]
     parts += ["<h2>Dwell times</h2>", _nested_table(summary["dwell"])]
     parts += ["<h2>Controller</h2>", _nested_table(summary["controller"])]
-    parts += [
-        f"<h2>Settings</h2><pre>{html.escape(json.dumps(scenario.model_dump(mode='json'), indent=2))}</pre>"
-    ]
+    parts += [f"<h2>Settings</h2><pre>{shown(json.dumps(scenario.model_dump(mode='json'), indent=2))}</pre>"]
     write_page(path, f"camnet: {scenario.name}", "\n".join(parts))
 
 
@@ -103,7 +101,11 @@ def _headline(summary: dict[str, Any]) -> str:
         (f"{summary['collisions']}", "collisions"),
         (f"{summary['real_time_factor']:.1f} x", "real time"),
     ]
-    return '<div class="figures">' + "".join(f"<div><b>{a}</b>{b}</div>" for a, b in figures) + "</div>"
+    return (
+        '<div class="figures">'
+        + "".join(f"<div><b>{shown(a)}</b>{shown(b)}</div>" for a, b in figures)
+        + "</div>"
+    )
 
 
 def _estimator_table(run: RunData) -> str:
@@ -154,12 +156,12 @@ def _data_uri(path: Path, kind: str) -> str:
 
 def picture(path: Path, words: str) -> str:
     """Return the picture at ``path`` inside the page, or nothing if there is none."""
-    return f'<p><img alt="{words}" src="{_data_uri(path, "image/png")}"></p>' if path.exists() else ""
+    return f'<p><img alt="{shown(words)}" src="{_data_uri(path, "image/png")}"></p>' if path.exists() else ""
 
 
 def _video(path: Path) -> str:
     if not path.exists():
         return ""
     small = path.stat().st_size <= _EMBED_LIMIT_BYTES
-    source = _data_uri(path, "video/mp4") if small else path.name
+    source = _data_uri(path, "video/mp4") if small else link(path.name)
     return f'<p><video controls muted loop src="{source}"></video></p>'

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from camnet.report.html import picture, table, write_page
+from camnet.report.markup import shown
 from camnet.report.style import CAMERA_COLOURS, FILTER_COLOURS, figure_style, save
 from camnet.types import Array, BoolArray
 
@@ -108,8 +109,8 @@ def write_recorded_report(folder: Path, title: str, words: str, summary: dict[st
     ]
     head = ("predictor", "median error (m)", "90 % below (m)", "next camera right")
     parts = [
-        f"<h1>{title}</h1><p>{words}</p>",
-        f"<p>{gaps['count']} gaps: a person leaves every view and is seen again. Each prediction uses only what "
+        f"<h1>{shown(title)}</h1><p>{shown(words)}</p>",
+        f"<p>{shown(gaps['count'])} gaps: a person leaves every view and is seen again. Each prediction uses only what "
         "cameras saw before the person left.</p>",
         table(head, rows),
         picture(folder / "errors.png", "share of gaps below an error"),

@@ -51,6 +51,7 @@ def figure_style() -> Iterator[None]:
         "font.size": 9,
         "legend.frameon": False,
         "savefig.dpi": 130,
+        "text.parse_math": False,  # a dollar sign in a name is one
     }
     with mpl.rc_context(rc=cast(Any, settings)):
         yield
