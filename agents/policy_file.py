@@ -18,7 +18,6 @@ more than `SIZE_LIMIT_BYTES`, unknown members, wrong shapes and numbers that are
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
 import zlib
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from camnet.errors import DataError
+from camnet.storage.whole_file import whole_file
 from camnet.types import Array
 
 __all__ = ["SIZE_LIMIT_BYTES", "PolicyHeader", "PolicyNet", "load_policy", "save_policy"]
@@ -98,11 +98,8 @@ def save_policy(path: Path, net: PolicyNet) -> None:
     for k, (weight, bias) in enumerate(zip(net.weights, net.biases, strict=True)):
         arrays |= {f"weight_{k}": weight, f"bias_{k}": bias}
     header = json.dumps(net.header.model_dump(mode="json")).encode()
-    content = io.BytesIO()
-    np.savez_compressed(content, header=np.frombuffer(header, dtype=np.uint8), **arrays)  # type: ignore[arg-type]
-    temporary = path.with_name(f".{path.name}.partial")
-    temporary.write_bytes(content.getvalue())
-    temporary.replace(path)
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, header=np.frombuffer(header, dtype=np.uint8), **arrays)  # type: ignore[arg-type]
 
 
 def load_policy(path: Path) -> PolicyNet:

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-__all__ = ["CamnetError", "CertificateError", "ConfigError", "DataError", "SimulationError", "WorldError"]
+__all__ = [
+    "CamnetError",
+    "CertificateError",
+    "ConfigError",
+    "DataError",
+    "OutputError",
+    "SimulationError",
+    "WorldError",
+]
 
 
 class CamnetError(Exception):
@@ -30,3 +38,7 @@ class CertificateError(CamnetError):
 
 class SimulationError(CamnetError):
     """The simulation left its domain (NaN, divergence); names the body and the step. Exit status 1."""
+
+
+class OutputError(CamnetError):
+    """Results could not be written (full disk, no permission); says where what was written is. Exit status 1."""

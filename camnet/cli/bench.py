@@ -9,7 +9,7 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.common import add_common, progress_bar
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import output_folder, print_json, write_json
 
 __all__ = ["BENCHMARKS", "add_parser"]
 
@@ -48,12 +48,11 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
 def run(args: argparse.Namespace) -> int:
     """Run one benchmark."""
     module = importlib.import_module(BENCHMARKS[args.benchmark][0])
-    folder = None if args.out is None else choose_folder(args.out, "", args.force)
-    with progress_bar(1.0, args.benchmark, "", args.quiet) as advance:
-        content = {**module.run(seed=args.seed or 0, progress=advance), "version": __version__}
-    if folder is not None:
-        with whole_folder(folder) as temporary:
-            write_json(temporary / "result.json", content)
+    with output_folder(args, "bench") as output:
+        with progress_bar(1.0, args.benchmark, "", args.quiet) as advance:
+            content = {**module.run(seed=args.seed or 0, progress=advance), "version": __version__}
+        if output is not None:
+            write_json(output.path / "result.json", content)
     if args.json:
         print_json(content)
     else:

@@ -9,7 +9,7 @@ from typing import Any
 from camnet import __version__
 from camnet.cli.arguments import non_negative, numbers
 from camnet.cli.common import add_common, overrides, positive, progress_bar, say, warn
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import output_folder, print_json, write_json
 
 __all__ = ["add_parser", "add_target_class", "learned_model", "read_tracks"]
 
@@ -96,9 +96,27 @@ def run(args: argparse.Namespace) -> int:
     from camnet.experiments.learned_model import save_models
     from camnet.report.certificate import write_certificate
 
-    folder = None if args.out is None else choose_folder(args.out, "", args.force)
-    certified, model = _certify(args)
-    content = {**certified.report, "version": __version__}
+    with output_folder(args, "certify") as output:
+        certified, model = _certify(args)
+        content = _content(args, certified)
+        if output is not None:
+            write_json(output.path / "certificate.json", content)
+            if model:
+                save_models(model, output.path)
+            output.results_stand()
+            write_certificate(output.path, content, certified.views, certified.lines)
+    if output is not None:
+        say(f"wrote {output.folder}; open {output.folder / 'report.html'}")
+    if args.json:
+        print_json(content)
+    else:
+        _print(content)
+    return 0
+
+
+def _content(args: argparse.Namespace, certified: Any) -> dict[str, Any]:  # noqa: ANN401 - imported late
+    """Return the report, with what stands in the place of a certificate that was not asked for; print warnings."""
+    content: dict[str, Any] = {**certified.report, "version": __version__}
     content["certificates"].setdefault(
         "learned",
         {
@@ -109,18 +127,7 @@ def run(args: argparse.Namespace) -> int:
     )
     for words in content.get("warnings", []):
         warn(words)
-    if folder is not None:
-        with whole_folder(folder) as temporary:
-            write_json(temporary / "certificate.json", content)
-            write_certificate(temporary, content, certified.views, certified.lines)
-            if model:
-                save_models(model, temporary)
-        say(f"wrote {folder}; open {folder / 'report.html'}")
-    if args.json:
-        print_json(content)
-    else:
-        _print(content)
-    return 0
+    return content
 
 
 def _certify(args: argparse.Namespace) -> tuple[Any, Any]:

@@ -11,7 +11,8 @@ from camnet import __version__
 from camnet.cli.arguments import whole
 from camnet.cli.certify import add_target_class, read_tracks
 from camnet.cli.common import add_common, positive, progress_bar, say
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import Output, output_folder, print_json, write_json
+from camnet.storage.whole_file import whole_file
 
 __all__ = ["add_parser"]
 
@@ -82,12 +83,14 @@ def run(args: argparse.Namespace) -> int:
 
     if args.repair is not None and args.tracks is not None:
         raise ConfigError("--repair and --tracks: repairs are for cameras over --roads")
-    folder = None if args.out is None else choose_folder(args.out, "", args.force)
-    with progress_bar(1.0, "placing", "", args.quiet) as advance:
-        content, designed = _design(args, advance)
-    content = {**content, "version": __version__}
-    if folder is not None:
-        _write(folder, args, content, designed)
+    with output_folder(args, "design") as output:
+        with progress_bar(1.0, "placing", "", args.quiet) as advance:
+            content, designed = _design(args, advance)
+        content = {**content, "version": __version__}
+        if output is not None:
+            _write(output, args, content, designed)
+    if output is not None:
+        say(f"wrote {output.folder}")
     if args.json:
         print_json(content)
     else:
@@ -137,30 +140,33 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
     return designed.report, designed
 
 
-def _write(folder: Path, args: argparse.Namespace, content: dict[str, Any], designed: Any) -> None:  # noqa: ANN401
+def _write(output: Output, args: argparse.Namespace, content: dict[str, Any], designed: Any) -> None:  # noqa: ANN401
     from camnet.report.certificate import write_certificate
 
-    with whole_folder(folder) as temporary:
-        write_json(temporary / "design.json", content)
-        if designed is not None:
-            with (temporary / "cameras.csv").open("w", encoding="utf-8", newline="") as stream:
-                writer = csv.writer(stream, lineterminator="\n")
-                writer.writerow(("name", "x", "y"))
-                writer.writerows((c["name"], f"{c['x']:.3f}", f"{c['y']:.3f}") for c in content["cameras"])
-            verdict = "certified" if content["certified"] else "not certified"
-            reason = f"{content['count']} cameras, at least {content['lower_bound']} are needed"
-            page = {
-                "network": {
-                    "name": (args.roads or args.tracks).name,
-                    "cameras": content["count"],
-                    "regions": 0,
-                },
-                "target_class": content["target_class"],
-                "certificates": {"sound": {"verdict": verdict, "reason": reason}},
-                "transitions": [],
-            }
-            write_certificate(temporary, page, designed.views, designed.lines)
-    say(f"wrote {folder}")
+    write_json(output.path / "design.json", content)
+    if designed is None:
+        return
+    with (
+        whole_file(output.path / "cameras.csv") as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as stream,
+    ):
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(("name", "x", "y"))
+        writer.writerows((c["name"], f"{c['x']:.3f}", f"{c['y']:.3f}") for c in content["cameras"])
+    output.results_stand()
+    verdict = "certified" if content["certified"] else "not certified"
+    reason = f"{content['count']} cameras, at least {content['lower_bound']} are needed"
+    page = {
+        "network": {
+            "name": (args.roads or args.tracks).name,
+            "cameras": content["count"],
+            "regions": 0,
+        },
+        "target_class": content["target_class"],
+        "certificates": {"sound": {"verdict": verdict, "reason": reason}},
+        "transitions": [],
+    }
+    write_certificate(output.path, page, designed.views, designed.lines)
 
 
 def _print(content: dict[str, Any]) -> None:

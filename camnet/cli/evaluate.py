@@ -8,7 +8,7 @@ from typing import Any
 
 from camnet.cli.arguments import whole
 from camnet.cli.common import add_common, add_set, positive, progress_bar, say
-from camnet.cli.output import choose_folder, print_json, write_json
+from camnet.cli.output import print_json, resumed_folder, write_json
 
 __all__ = ["add_parser"]
 
@@ -24,6 +24,9 @@ adate, ekf, oracle, auction, nearest, static, random) or policy files that `camn
 
 With --out: result.json, table.md, report.html, scores_WORLD.png, episodes/ (one line an episode; the same command
 goes on where it was stopped), and with --videos the best and worst episode of the reference on each world."""
+
+
+_FILES = ("result.json", "table.md", "report.html", "scores_*.png", "*-seed*.mp4", "episodes/*.jsonl")
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -82,12 +85,14 @@ def run(args: argparse.Namespace) -> int:
 
     plan = _plan(args)
     # one folder for one seed, so that the same command goes on; episodes of other settings are told apart there
-    folder = choose_folder(args.out or f"runs/evaluate-seed{args.seed or 0}", "", force=True)
-    with progress_bar(100, "evaluate", "%", args.quiet) as advance:
-        content = evaluate(plan, folder, lambda share: advance(100 * share))
-    folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / "result.json", content)
-    write_tables(folder, content, _films(args, plan, folder, content))
+    out = f"runs/evaluate-seed{args.seed or 0}" if args.out is None else args.out
+    with resumed_folder(out, "evaluate", _FILES, args.force) as folder:
+        with progress_bar(100, "evaluate", "%", args.quiet) as advance:
+            content = evaluate(plan, folder, lambda share: advance(100 * share))
+        write_json(folder / "result.json", content)
+        write_tables(folder, content, {})  # the films may fail
+        if args.videos:
+            write_tables(folder, content, _films(args, plan, folder, content))
     if args.json:
         print_json(content)
     else:
@@ -136,8 +141,6 @@ def _films(
     content: dict[str, Any],
 ) -> dict[str, list[Path]]:
     """Film the best and the worst episode of the reference on every world."""
-    if not args.videos:
-        return {}
     import numpy as np
 
     from camnet.evaluation.evaluate import returns_of

@@ -10,7 +10,7 @@ from camnet import __version__
 from camnet.cli.arguments import whole
 from camnet.cli.certify import learned_model, world_of
 from camnet.cli.common import add_common, positive, progress_bar, say
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import output_folder, print_json, write_json
 
 __all__ = ["add_parser"]
 
@@ -61,17 +61,17 @@ def run(args: argparse.Namespace) -> int:
     from camnet.experiments.learned_model import save_models
 
     scenario = world_of(args)
-    folder = None if args.out is None else choose_folder(args.out, "", args.force)
-    model = learned_model(args, scenario)
-    with progress_bar(1.0, "attacking", "", args.quiet) as advance:
-        result = falsify_world(scenario, args.trials, scenario.seed, model, args.model_error, advance)
-    content = {"world": scenario.name, **result, "version": __version__}
-    if folder is not None:
-        with whole_folder(folder) as temporary:
-            write_json(temporary / "result.json", content)
+    with output_folder(args, "falsify") as output:
+        model = learned_model(args, scenario)
+        with progress_bar(1.0, "attacking", "", args.quiet) as advance:
+            result = falsify_world(scenario, args.trials, scenario.seed, model, args.model_error, advance)
+        content = {"world": scenario.name, **result, "version": __version__}
+        if output is not None:
+            write_json(output.path / "result.json", content)
             if model:
-                save_models(model, temporary)
-        say(f"wrote {folder}")
+                save_models(model, output.path)
+    if output is not None:
+        say(f"wrote {output.folder}")
     if args.json:
         print_json(content)
     else:

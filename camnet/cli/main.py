@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 # Numerical libraries must see these before they load: one thread keeps sums in one order on every machine.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -25,8 +26,9 @@ from camnet.cli import (  # noqa: E402
     worlds,
 )
 from camnet.cli.messages import configure  # noqa: E402
+from camnet.cli.output_place import plain_words  # noqa: E402
 from camnet.cli.parser import Parser  # noqa: E402
-from camnet.errors import CamnetError, SimulationError  # noqa: E402
+from camnet.errors import CamnetError, OutputError, SimulationError  # noqa: E402
 
 __all__ = ["build_parser", "main"]
 
@@ -83,8 +85,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(end.code or 0)
     configure(args.log_level, args.quiet)
     try:
-        return int(args.run(args))
-    except SimulationError as error:
+        status = int(args.run(args))
+        sys.stdout.flush()  # a full disk shows here, not when the interpreter ends
+        return status
+    except (SimulationError, OutputError) as error:
         print(f"camnet: {error}", file=sys.stderr)
         return 1
     except CamnetError as error:
@@ -94,8 +98,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("camnet: interrupted", file=sys.stderr)
         return 1
     except BrokenPipeError:  # the reader of our output left
-        sys.stderr.close()
+        _close_output()
         return 1
+    except OSError as error:
+        print(f"camnet: {plain_words(error)}", file=sys.stderr)
+        _close_output()
+        return 1
+
+
+def _close_output() -> None:
+    """Send what standard output cannot take to nowhere: the interpreter would try again when it ends."""
+    try:
+        sys.stdout.flush()
+        return
+    except (OSError, ValueError):
+        pass
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 if __name__ == "__main__":

@@ -1,69 +1,183 @@
-"""Output folders that are whole or absent, and the one JSON object on standard output."""
+"""Output folders that are whole or absent, folders that are gone on with, and the JSON object on standard output."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
-import shutil
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from camnet.errors import ConfigError
+from camnet.cli.output_place import clear, close_to, open_place, plain_words
+from camnet.errors import CamnetError, OutputError
+from camnet.storage.lock import FolderBusyError, folder_lock
+from camnet.storage.marker import MARKER, files_in, write_marker
+from camnet.storage.partial import (
+    keep_failed,
+    make_partial,
+    put_in_place,
+    remove_partial,
+    sweep_beside,
+    sweep_inside,
+)
+from camnet.storage.whole_file import write_json
 
-__all__ = ["choose_folder", "print_json", "whole_folder", "write_json"]
+__all__ = [
+    "Output",
+    "output_folder",
+    "print_json",
+    "resumed_folder",
+    "write_json",
+]
 
 
-def choose_folder(out: str | None, default_name: str, force: bool) -> Path:
-    """Return the folder to write: ``out``, or ``runs/<default_name>`` with a number if that is taken.
+@dataclass(slots=True)
+class Output:
+    """A folder that is being written.
+
+    Attributes
+    ----------
+    path : where its files go for now
+    folder : where they will be
+    complete : whether the results are all there
+    """
+
+    path: Path
+    folder: Path
+    complete: bool = False
+
+    def results_stand(self) -> None:
+        """State that the results are written: whatever fails from here on (pictures, a page) loses none of them."""
+        self.complete = True
+
+
+@contextmanager
+def output_folder(
+    args: argparse.Namespace, kind: str, default_name: str | None = None, more_files: Sequence[str] = ()
+) -> Iterator[Output | None]:
+    """Yield a folder to write that becomes ``--out`` at the end; None if no folder is asked for.
+
+    It is made, under a temporary name, before anything is computed, so that a place that cannot be written shows at
+    once. It is locked: a second run on the same folder is refused. On success it is renamed to its name; what it
+    replaces (``--force``) is moved aside first. When something fails, what was written is kept and the message says
+    where, unless the input was wrong or the run was stopped: then nothing is left, except results that stand.
+
+    Parameters
+    ----------
+    args : with ``out`` and ``force``
+    kind : what writes it, for the marker
+    default_name : of the folder in ``runs`` when there is no ``--out``, with a number if that is taken; None: no folder
+    more_files : files that later commands add to the folder
 
     Raises
     ------
     ConfigError
-        If ``out`` holds something already and ``force`` is not given, or is a file.
+        ``--out`` cannot be a folder of its own, holds something, or is being written by another run.
+    OutputError
+        The folder could not be written.
     """
-    if out is None:
-        base = Path("runs") / default_name
-        taken = (base.with_name(f"{base.name}-{n}") for n in range(2, 10_000))
-        return base if not base.exists() else next(p for p in taken if not p.exists())
-    folder = Path(out)
-    if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"--out {out!r}: is a file; give a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not force:
-        raise ConfigError(
-            f"--out {out!r}: the folder is not empty; add --force to replace it or give another"
-        )
-    return folder
+    if args.out is None and default_name is None:
+        yield None
+        return
+    with ExitStack() as stack:
+        folder = _lock_first_free(stack, args, default_name or "")
+        sweep_beside(folder)
+        output = Output(make_partial(folder, kind), folder)
+        try:
+            yield output
+        except BaseException as error:
+            _fail(output, kind, more_files, error)
+            raise
+        _finish(output, kind, more_files)
+
+
+def _lock_first_free(stack: ExitStack, args: argparse.Namespace, default_name: str) -> Path:
+    """Lock ``--out``, or the first folder of the default name that is free."""
+    if args.out is not None:
+        folder = open_place(stack, args.out, True)
+        stack.enter_context(folder_lock(folder))
+        clear(folder, args.force)
+        return folder
+    for number in range(1, 10_000):
+        name = default_name if number == 1 else f"{default_name}-{number}"
+        with suppress(FolderBusyError), ExitStack() as attempt:
+            folder = open_place(attempt, Path("runs") / name, False)
+            if os.path.lexists(folder):
+                continue
+            attempt.enter_context(folder_lock(folder))
+            if not os.path.lexists(folder):
+                stack.push(attempt.pop_all())
+                return folder
+    raise OutputError(f"runs/{default_name}: 10,000 folders of this name are there already; remove some")
+
+
+def _finish(output: Output, kind: str, more_files: Sequence[str]) -> None:
+    try:
+        write_marker(output.path, kind, [*map(close_to, files_in(output.path)), *more_files])
+        put_in_place(output.path, output.folder)
+    except (OSError, CamnetError) as error:
+        kept = keep_failed(output.path, output.folder)
+        raise OutputError(f"{output.folder}: {plain_words(error)}; what was written is in {kept}") from error
+
+
+def _fail(output: Output, kind: str, more_files: Sequence[str], error: BaseException) -> None:
+    """Keep what is worth keeping of a run that failed; expected failures say where it is."""
+    if output.complete:
+        _finish(output, kind, more_files)
+        if isinstance(error, Exception):
+            raise OutputError(
+                f"the results are in {output.folder}, but then: {plain_words(error)}"
+            ) from error
+        return
+    if isinstance(error, CamnetError) or not isinstance(error, Exception):
+        remove_partial(output.path)
+        return
+    kept = keep_failed(output.path, output.folder)
+    where = "" if kept is None else f"; what was written before is in {kept}"
+    if isinstance(error, OSError):
+        what = str(output.folder) if error.filename is None else "stopped"
+        raise OutputError(f"{what}: {plain_words(error)}{where}") from error
+    if kept is not None:
+        print(f"camnet: what was written before the failure is in {kept}", file=sys.stderr)
 
 
 @contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder that becomes ``folder`` on success and vanishes on error."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir()
-    try:
-        yield temporary
-        if folder.exists():
-            shutil.rmtree(folder)
-        temporary.replace(folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        _drop_if_empty(folder.parent)
+def resumed_folder(out: str | Path, kind: str, files: Sequence[str], anew: bool) -> Iterator[Path]:
+    """Yield the folder ``out``, in which a run goes on where an earlier one stopped, under its lock.
 
+    Two runs never write it at once: the second is refused. Files of killed runs that were not finished are removed.
 
-def _drop_if_empty(folder: Path) -> None:
-    if folder.name == "runs" and folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
+    Parameters
+    ----------
+    kind : what writes the folder; a folder of another kind is refused
+    files : patterns of the files that this command writes there
+    anew : remove those of an earlier run first (``--force``)
 
-
-def write_json(path: Path, content: object) -> None:
-    """Write indented JSON (a temporary name first, then renamed)."""
-    temporary = path.with_suffix(".partial")
-    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    Raises
+    ------
+    ConfigError
+        The folder holds something that is not of this kind, or another run is writing it.
+    OSError
+        It cannot be written.
+    """
+    with ExitStack() as stack:
+        folder = open_place(stack, out, True)
+        stack.enter_context(folder_lock(folder))
+        sweep_beside(folder)
+        folder.mkdir(exist_ok=True)
+        clear(folder, anew, kind)
+        try:
+            write_marker(folder, kind, files)
+            sweep_inside(folder)
+            yield folder
+        finally:
+            with suppress(OSError):
+                if [p.name for p in folder.iterdir()] == [MARKER]:
+                    (folder / MARKER).unlink()
+                    folder.rmdir()
 
 
 def print_json(content: object) -> None:

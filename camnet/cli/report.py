@@ -8,6 +8,7 @@ from typing import Any
 
 from camnet.cli.common import add_messages, progress_bar, say
 from camnet.cli.output import print_json
+from camnet.storage.whole_file import sweep_files
 
 __all__ = ["add_parser"]
 
@@ -32,6 +33,8 @@ def run(args: argparse.Namespace) -> int:
     """Draw again."""
     from camnet.report.write import write_all
 
+    if args.folder.is_dir():
+        sweep_files(args.folder)  # what a killed report left behind
     with progress_bar(1.0, "drawing", "", args.quiet) as advance:
         write_all(args.folder, video=not args.no_video, progress=lambda k, n: advance(k / n))
     if args.json:

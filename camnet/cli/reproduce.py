@@ -10,7 +10,7 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.common import add_common, add_seeds, named_seeds, progress_bar, say
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import output_folder, print_json, write_json
 from camnet.errors import ConfigError
 
 __all__ = ["EXPERIMENTS", "Experiment", "add_parser"]
@@ -114,18 +114,18 @@ def run(args: argparse.Namespace) -> int:
         options["data"] = args.data
     elif args.data is not None and not experiment.takes_data:
         raise ConfigError(f"--data {args.data}: {args.experiment} reads no recorded inputs; leave it out")
-    folder = choose_folder(args.out, f"reproduce-{args.experiment}", args.force)
     module = importlib.import_module(experiment.module)
-    with whole_folder(folder) as temporary:
+    with output_folder(args, "reproduce", f"reproduce-{args.experiment}") as output:
+        assert output is not None  # it has a default name
         with progress_bar(1.0, args.experiment, "", args.quiet) as advance:
-            result = getattr(module, experiment.function)(out_dir=temporary, progress=advance, **options)
+            result = getattr(module, experiment.function)(out_dir=output.path, progress=advance, **options)
         content = {**result, "version": __version__}
-        write_json(temporary / "result.json", content)
+        write_json(output.path / "result.json", content)
     if args.json:
         print_json(content)
     else:
         module.print_table(result)
-    say(f"wrote {folder}")
+    say(f"wrote {output.folder}")
     return 0
 
 

@@ -11,7 +11,7 @@ from camnet import __version__
 from camnet.cache_folder import cache_folder
 from camnet.cli.arguments import whole
 from camnet.cli.common import add_common, add_scenario, add_seeds, overrides, progress_bar, say, warn
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import Output, output_folder, print_json, write_json
 
 __all__ = ["add_parser"]
 
@@ -64,14 +64,13 @@ def run(args: argparse.Namespace) -> int:
         return _many(args, scenario)
     if args.jobs is not None:
         raise ConfigError(f"--jobs {args.jobs}: one run is one process; add --seeds for many")
-    folder = choose_folder(args.out, f"{scenario.name}-seed{scenario.seed}", args.force)
     if isinstance(scenario, Scenario):
-        return _network(args, scenario, folder)
+        return _network(args, scenario)
     from camnet.cli.simulate_recorded import run_and_write
 
     if args.save_model is not None:
         raise ConfigError(f"--save-model {args.save_model}: a recording's predictor keeps no such model")
-    return run_and_write(args, scenario, folder)
+    return run_and_write(args, scenario)
 
 
 def _many(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imported late
@@ -83,32 +82,36 @@ def _many(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imp
         raise ConfigError(f"--seeds {args.seeds}: a recording is replayed once; its predictions have no seed")
     if args.save_model is not None:
         raise ConfigError(f"--save-model {args.save_model}: with --seeds there is no one model to save")
-    return run_and_write(args, scenario, Path(args.out or f"runs/{scenario.name}-seeds"))
+    return run_and_write(
+        args, scenario, Path(f"runs/{scenario.name}-seeds" if args.out is None else args.out)
+    )
 
 
-def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # noqa: ANN401 - imported late
-    from camnet.report.write import write_all
+def _network(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imported late
+    from camnet.report.write import REPORT_FILES
+    from camnet.simulation.models import check_saving
     from camnet.simulation.run import run_network
 
-    with progress_bar(scenario.run.duration_s, "simulating", "s", args.quiet) as advance:
-        result = run_network(scenario, scenario.seed, progress=advance, save_model=args.save_model)
-    content = {
-        "summary": result.summary,
-        "seed": scenario.seed,
-        "version": __version__,
-        "config": scenario.model_dump(mode="json"),
-    }
-    with whole_folder(folder) as temporary:
-        write_json(temporary / "summary.json", content)
-        write_json(temporary / "handoffs.json", result.handoffs)
-        result.log.write(temporary / "log.parquet")
-        if not args.no_report:
-            with progress_bar(1.0, "drawing", "", args.quiet) as advance:
-                write_all(temporary, video=not args.no_video, progress=lambda k, n: advance(k / n))
+    if args.save_model is not None:
+        check_saving(args.save_model, scenario.run.estimators)
+    with output_folder(args, "simulate", f"{scenario.name}-seed{scenario.seed}", REPORT_FILES) as output:
+        assert output is not None  # it has a default name
+        with progress_bar(scenario.run.duration_s, "simulating", "s", args.quiet) as advance:
+            result = run_network(
+                scenario, scenario.seed, progress=advance, keep_models=args.save_model is not None
+            )
+        content = {
+            "summary": result.summary,
+            "seed": scenario.seed,
+            "version": __version__,
+            "config": scenario.model_dump(mode="json"),
+        }
+        _write(args, output, result, content)
     if args.json:
         print_json(content)
     else:
         _print_figures(result.summary)
+    folder = output.folder
     say(f"wrote {folder}" + ("" if args.no_report else f"; open {folder / 'report.html'}"))
     if result.summary["dwell"]["broken"]:
         warn(
@@ -118,6 +121,22 @@ def _network(args: argparse.Namespace, scenario: Any, folder: Path) -> int:  # n
     if result.interrupted:
         warn(f"interrupted after {result.summary['simulated_s']:.1f} s: the run is partial and marked so")
     return 0
+
+
+def _write(args: argparse.Namespace, output: Output, result: Any, content: dict[str, Any]) -> None:  # noqa: ANN401
+    """Write the results first; what is drawn or kept elsewhere comes after, and loses none of them when it fails."""
+    from camnet.estimation.persistence import save_models
+    from camnet.report.write import write_all
+
+    write_json(output.path / "summary.json", content)
+    write_json(output.path / "handoffs.json", result.handoffs)
+    result.log.write(output.path / "log.parquet")
+    output.results_stand()
+    if args.save_model is not None:
+        save_models(args.save_model, result.learned)
+    if not args.no_report:
+        with progress_bar(1.0, "drawing", "", args.quiet) as advance:
+            write_all(output.path, video=not args.no_video, progress=lambda k, n: advance(k / n))
 
 
 def _print_figures(summary: dict[str, Any]) -> None:

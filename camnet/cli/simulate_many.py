@@ -13,17 +13,37 @@ import numpy as np
 
 from camnet import __version__
 from camnet.cli.common import named_seeds, progress_bar, say
-from camnet.cli.output import print_json, whole_folder, write_json
+from camnet.cli.output import print_json, resumed_folder, write_json
 from camnet.config.models import Scenario
+from camnet.report.write import REPORT_FILES
+from camnet.storage.marker import MARKER
+from camnet.storage.partial import replaced_folder
 
 __all__ = ["run_and_write"]
+
+_RUN = ("summary.json", "handoffs.json", "log.parquet", MARKER, *REPORT_FILES)
+_FILES = ("summary.json", *(f"seed-*/{name}" for name in _RUN))
 
 
 def run_and_write(args: argparse.Namespace, scenario: Scenario, folder: Path) -> int:
     """Run every seed that is not there yet, then write and print the table."""
     seeds = list(named_seeds(args, scenario.seed))
-    folder.mkdir(parents=True, exist_ok=True)
-    wanted = [s for s in seeds if args.force or not _finished(folder, scenario, s)]
+    with resumed_folder(folder, "simulate-seeds", _FILES, args.force) as locked:
+        content = _run_missing(args, scenario, locked, seeds)
+        write_json(locked / "summary.json", content)
+    if args.json:
+        print_json(content)
+    else:
+        _print(content)
+    say(f"wrote {folder}")
+    return 0
+
+
+def _run_missing(
+    args: argparse.Namespace, scenario: Scenario, folder: Path, seeds: list[int]
+) -> dict[str, Any]:
+    """Run what is not there, and put the table together."""
+    wanted = [s for s in seeds if not _finished(folder, scenario, s)]
     if len(wanted) < len(seeds):
         say(f"{len(seeds) - len(wanted)} of {len(seeds)} seeds are there already and are kept")
     if wanted:
@@ -37,19 +57,12 @@ def run_and_write(args: argparse.Namespace, scenario: Scenario, folder: Path) ->
                 future.result()
                 advance(len(seeds) - len(wanted) + k)
     summaries = {s: _read(folder, s)["summary"] for s in seeds}
-    content = {
+    return {
         "aggregate": _aggregate(list(summaries.values())),
         "runs": {str(s): summary for s, summary in summaries.items()},
         "version": __version__,
         "config": scenario.model_dump(mode="json"),
     }
-    write_json(folder / "summary.json", content)
-    if args.json:
-        print_json(content)
-    else:
-        _print(content)
-    say(f"wrote {folder}")
-    return 0
 
 
 def _compile(scenario: Scenario) -> None:
@@ -67,7 +80,7 @@ def _one(scenario: Scenario, seed: int, folder: str) -> None:
     result = run_network(scenario, seed)
     if result.interrupted:
         raise KeyboardInterrupt
-    with whole_folder(Path(folder)) as temporary:
+    with replaced_folder(Path(folder), "simulate") as temporary:
         config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
         content = {"summary": result.summary, "seed": seed, "version": __version__, "config": config}
         write_json(temporary / "summary.json", content)

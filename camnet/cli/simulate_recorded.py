@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +12,7 @@ import pyarrow.parquet as pq
 
 from camnet import __version__
 from camnet.cli.common import progress_bar, say, warn
-from camnet.cli.output import print_json, whole_folder, write_json
+from camnet.cli.output import output_folder, print_json, write_json
 from camnet.config.recorded import RecordedScenario
 from camnet.experiments.recorded import RecordedResult, run_recorded
 from camnet.importers.geodesy import Origin
@@ -20,8 +21,28 @@ from camnet.report.recorded import write_error_curves, write_recorded_map, write
 __all__ = ["run_and_write"]
 
 
-def run_and_write(args: argparse.Namespace, scenario: RecordedScenario, folder: Path) -> int:
+def run_and_write(args: argparse.Namespace, scenario: RecordedScenario) -> int:
     """Replay, write the folder, print."""
+    with output_folder(args, "simulate", f"{scenario.name}-seed{scenario.seed}") as output:
+        assert output is not None  # it has a default name
+        result, content = _replay(args, scenario)
+        write_json(output.path / "summary.json", content)
+        pq.write_table(pa.table(result.gaps), output.path / "gaps.parquet", compression="zstd")
+        output.results_stand()
+        if not args.no_report:
+            _draw(result, scenario, output.path)
+    if args.json:
+        print_json(content)
+    else:
+        _print(result)
+    say(f"wrote {output.folder}")
+    if result.interrupted:
+        warn("interrupted: the run is partial and marked so")
+    return 0
+
+
+def _replay(args: argparse.Namespace, scenario: RecordedScenario) -> tuple[RecordedResult, dict[str, Any]]:
+    """Return the result, and what is written of it."""
     where = scenario.origin
     with progress_bar(1.0, "replaying", "", args.quiet) as advance:
         result = run_recorded(
@@ -42,19 +63,7 @@ def run_and_write(args: argparse.Namespace, scenario: RecordedScenario, folder: 
         "version": __version__,
         "config": scenario.model_dump(mode="json"),
     }
-    with whole_folder(folder) as temporary:
-        write_json(temporary / "summary.json", content)
-        pq.write_table(pa.table(result.gaps), temporary / "gaps.parquet", compression="zstd")
-        if not args.no_report:
-            _draw(result, scenario, temporary)
-    if args.json:
-        print_json(content)
-    else:
-        _print(result)
-    say(f"wrote {folder}")
-    if result.interrupted:
-        warn("interrupted: the run is partial and marked so")
-    return 0
+    return result, content
 
 
 def _draw(result: RecordedResult, scenario: RecordedScenario, folder: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from camnet import __version__
 from camnet.cli.arguments import numbers
 from camnet.cli.common import add_common, progress_bar, say
-from camnet.cli.output import choose_folder, print_json, whole_folder, write_json
+from camnet.cli.output import output_folder, print_json, write_json
 from camnet.errors import ConfigError
 
 __all__ = ["add_parser"]
@@ -46,17 +46,17 @@ def run(args: argparse.Namespace) -> int:
     from camnet.sensing.visual import Box
 
     first = None if args.box is None else Box(*_numbers(args.box))
-    folder = choose_folder(args.out, f"track-{args.sequence.stem}", args.force)
-    with whole_folder(folder) as temporary:
+    with output_folder(args, "track-video", f"track-{args.sequence.stem}") as output:
+        assert output is not None  # it has a default name
         with progress_bar(1.0, "tracking", "", args.quiet) as advance:
-            result = adate_visual.run(args.sequence, temporary, args.seed or 0, advance, first=first)
+            result = adate_visual.run(args.sequence, output.path, args.seed or 0, advance, first=first)
         content = {**result, "version": __version__}
-        write_json(temporary / "result.json", content)
+        write_json(output.path / "result.json", content)
     if args.json:
         print_json(content)
     else:
         adate_visual.print_table(result)
-    say(f"wrote {folder}")
+    say(f"wrote {output.folder}")
     return 0
 
 

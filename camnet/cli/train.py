@@ -7,7 +7,7 @@ from typing import Any
 
 from camnet.cli.arguments import whole
 from camnet.cli.common import add_common, progress_bar, say
-from camnet.cli.output import print_json, write_json
+from camnet.cli.output import print_json, resumed_folder, write_json
 from camnet.cli.parser import suggestion
 
 __all__ = ["add_parser"]
@@ -23,6 +23,9 @@ same command with the same seed gives the same policy; a run that was stopped go
 
 --out gets policy.npz (weights and a JSON description, nothing that runs), checkpoint.pt, result.json, tensorboard/.
 Settings (--set KEY=VALUE): {settings}."""
+
+
+_FILES = ("policy.npz", "checkpoint.pt", "result.json", "tensorboard/*")
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -63,13 +66,13 @@ def run(args: argparse.Namespace) -> int:
     from camnet.training.train import train
 
     seed = args.seed or 0
-    folder = Path(args.out or f"runs/train-seed{seed}")
-    if args.force and (folder / "checkpoint.pt").is_file():
-        (folder / "checkpoint.pt").unlink()
-    with progress_bar(100, "train", "%", args.quiet) as advance:
-        result = train(settings, seed, folder, lambda share, words: advance(100 * share, words))
-    result = {**result, "seed": seed, "settings": settings.model_dump(mode="json")}
-    write_json(folder / "result.json", result)
+    out = Path(f"runs/train-seed{seed}" if args.out is None else args.out)
+    with resumed_folder(out, "train", _FILES, args.force) as folder:
+        with progress_bar(100, "train", "%", args.quiet) as advance:
+            result = train(settings, seed, folder, lambda share, words: advance(100 * share, words))
+        result = {**result, "policy": str(out / "policy.npz")}
+        result = {**result, "seed": seed, "settings": settings.model_dump(mode="json")}
+        write_json(folder / "result.json", result)
     if args.json:
         print_json(result)
     else:
@@ -78,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
             f"{result['steps']} steps; last episodes: " + ", ".join(f"{k} {v:.4g}" for k, v in last.items())
         )
     say(
-        f"wrote {folder / 'policy.npz'}; score it with: camnet evaluate --world W --agents {folder}/policy.npz,nearest"
+        f"wrote {out / 'policy.npz'}; score it with: camnet evaluate --world W --agents {out}/policy.npz,nearest"
     )
     return 0
 

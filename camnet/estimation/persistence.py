@@ -13,7 +13,6 @@ matter until a stack is full.
 from __future__ import annotations
 
 import json
-import os
 import struct
 import tokenize
 import zipfile
@@ -30,6 +29,7 @@ from camnet.estimation.basis import RbfBasis
 from camnet.estimation.concurrent_learning import MotionModel
 from camnet.estimation.propagate import COLUMNS
 from camnet.estimation.stack import HistoryStack
+from camnet.storage.whole_file import whole_file
 from camnet.types import Array
 
 __all__ = ["LearnedModel", "check_same", "extract", "install", "load_models", "merge", "save_models"]
@@ -180,10 +180,8 @@ def save_models(path: Path | str, models: Sequence[LearnedModel]) -> None:
         "heading_scale_m": first.basis.heading_scale_m,
     }
     arrays["header"] = np.array(json.dumps(header))
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
+    with whole_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
-    os.replace(part, path)
 
 
 def load_models(path: Path | str) -> list[LearnedModel]:

@@ -10,6 +10,7 @@ from camnet.evaluation.plot import draw_scores
 from camnet.evaluation.scores import METRICS
 from camnet.report.html import picture, table, write_page
 from camnet.report.markup import cell, link, shown
+from camnet.storage.whole_file import write_text
 
 __all__ = ["markdown", "write_tables"]
 
@@ -93,7 +94,7 @@ def _plot_name(world: str, taken: set[str]) -> str:
 
 def write_tables(folder: Path, content: dict[str, Any], videos: dict[str, list[Path]]) -> None:
     """Write ``table.md``, ``report.html`` and a picture of each world's scores, ``scores_WORLD.png``."""
-    (folder / "table.md").write_text(markdown(content), encoding="utf-8")
+    write_text(folder / "table.md", markdown(content))
     parts = ["<h1>Evaluation</h1>"]
     taken: set[str] = set()
     for entry in content["worlds"]:

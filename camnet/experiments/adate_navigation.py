@@ -15,7 +15,6 @@ leg.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -25,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from camnet.control.planner import Curve, Obstacle, Plan, Planner, PlannerSettings, Waypoint, ellipsoid
+from camnet.storage.whole_file import write_json
 from camnet.types import Array
 
 __all__ = ["COVARIANCE", "NavigationWorld", "Voyage", "make_world", "navigate", "print_table", "run"]
@@ -203,7 +203,7 @@ def run(
 
         folder = Path(out_dir)
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "adate-navigation.json").write_text(json.dumps(result, indent=1))
+        write_json(folder / "adate-navigation.json", result)
         world, voyage = first
         plans = [voyage.plans[k].curve.points(10) for k in range(0, len(voyage.plans), 10)]
         rows = np.array([o.row for o in world.obstacles])

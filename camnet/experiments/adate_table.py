@@ -9,7 +9,6 @@ observers, and that of the causal estimate, beside it.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from camnet.estimation.adate.settings import AdaptationSettings, TruncationSetti
 from camnet.estimation.kalman import ExtendedKalmanFilter, UnscentedKalmanFilter, constant_acceleration
 from camnet.estimation.pls import ConstantTurn, PowerLimitedSteering
 from camnet.experiments.adate_groups import GROUPS, Group, draw
+from camnet.storage.whole_file import write_json
 from camnet.types import Array
 
 __all__ = ["DEFINITION", "METHODS", "PUBLISHED", "Track", "follow", "run", "run_adate_table", "time_update"]
@@ -307,7 +307,7 @@ def run(
 
         folder = Path(out_dir)
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "adate-table.json").write_text(json.dumps(result, indent=1))
+        write_json(folder / "adate-table.json", result)
         data = figure_data(seed)
         plot_tracks(data, folder / "adate-trajectories.png")
         plot_error_over_time(data, folder / "adate-rmse.png")

@@ -36,6 +36,7 @@ from camnet.experiments.adate_visual_pictures import write_overlap_plot, write_t
 from camnet.geometry.settings import Intrinsics
 from camnet.importers.image_sequence import ImageSequence, open_sequence
 from camnet.sensing.visual import Box, CorrelationSettings, CorrelationTracker, overlap
+from camnet.storage.whole_file import whole_file
 from camnet.types import Array
 
 __all__ = ["VisualRun", "run", "summarise", "track_sequence"]
@@ -233,8 +234,7 @@ def _one_thread() -> Iterator[None]:
 def _write_boxes(result: VisualRun, path: Path) -> None:
     """``boxes.csv``: a line an image; boxes as left, top, width, height in px from the corner (0, 0)."""
     fields = ("x", "y", "width", "height")
-    temporary = path.with_name(f".{path.name}.partial")
-    with temporary.open("w", newline="", encoding="utf-8") as stream:
+    with whole_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         names = [f"{row}_{field}" for row in result.rows for field in fields]
         writer.writerow(["image", *names, *(f"{row}_overlap" for row in result.rows), "response_peak", "psr"])
@@ -245,4 +245,3 @@ def _write_boxes(result: VisualRun, path: Path) -> None:
             writer.writerow(
                 [k + 1, *boxes, *scores, f"{result.response_peak[k]:.4f}", f"{result.psr[k]:.2f}"]
             )
-    temporary.replace(path)

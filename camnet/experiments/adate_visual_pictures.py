@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import cv2
-import imageio_ffmpeg
 import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from camnet.report.encode import video_file
 from camnet.report.style import figure_style, save
 from camnet.sensing.visual.box import Box
 from camnet.sensing.visual.patch import Image
@@ -59,34 +59,14 @@ def write_tracking_video(
     OSError : the encoder could not be started or failed
     """
     order = [row for row in _COLOURS if row in rows]
-    temporary = path.with_name(f".{path.stem}.partial.mp4")
-    writer = None
-    try:
+    size: tuple[int, int] | None = None
+    with video_file(path, rate_hz, quality=7) as add:
         for k, image in enumerate(frames):
             frame = annotate(image, {"truth": truth[k], **{row: rows[row][k] for row in order}}, k + 1)
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                writer = imageio_ffmpeg.write_frames(
-                    str(temporary),
-                    size,
-                    fps=rate_hz,
-                    codec="libx264",
-                    quality=7,
-                    macro_block_size=2,
-                    ffmpeg_log_level="error",
-                )
-                writer.send(None)
+            size = size or (frame.shape[1], frame.shape[0])
             if (frame.shape[1], frame.shape[0]) != size:  # a video's frames are all of one size
                 frame = np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-            writer.send(np.ascontiguousarray(frame))
-        if writer is not None:
-            writer.close()
-            writer = None
-            temporary.replace(path)
-    finally:
-        if writer is not None:
-            writer.close()
-        temporary.unlink(missing_ok=True)
+            add(frame)
 
 
 def write_overlap_plot(overlaps: Mapping[str, Array], path: Path) -> None:

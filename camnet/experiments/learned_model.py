@@ -21,6 +21,7 @@ from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.propagate import UNIT
 from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.run import decide, open_simulation, setpoints_for
+from camnet.storage.whole_file import whole_file
 from camnet.types import Array
 
 __all__ = ["LearnedModel", "learn_model", "learn_models", "load_model", "load_models", "save_models"]
@@ -58,7 +59,7 @@ class LearnedModel:
 
     def save(self, path: Path) -> None:
         """Write the model; equal models give equal files."""
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
             for key in _KEYS:
                 buffer = io.BytesIO()
                 np.save(buffer, getattr(self, key), allow_pickle=False)

@@ -23,6 +23,7 @@ from camnet.estimation.observation import measured_world_pose
 from camnet.experiments.motion_learning_rows import Trace, build_rows, follow, score
 from camnet.experiments.motion_learning_scene import Recording, SceneSettings, record
 from camnet.geometry import rotations
+from camnet.storage.whole_file import whole_file, write_json
 
 __all__ = ["digest", "run_seed", "run_seeds", "trace_file"]
 
@@ -64,9 +65,7 @@ def run_seed(seed: int, scene: SceneSettings, folder: Path | None, keep_trace: b
     if folder is not None:
         if keep_trace:
             _write_trace(trace_file(folder, seed), recording, traces)
-        temporary = _result_file(folder, seed).with_suffix(".partial")
-        temporary.write_text(json.dumps(result, allow_nan=False), encoding="utf-8")
-        temporary.replace(_result_file(folder, seed))
+        write_json(_result_file(folder, seed), result)
     return result
 
 
@@ -113,7 +112,8 @@ def _write_trace(path: Path, recording: Recording, traces: Mapping[str, Trace]) 
     arrays |= {"truth.p_world": recording.p_world, "truth.q_world": recording.q_world}
     for name, trace in traces.items():
         arrays |= {f"{name}.p_world": trace.p_world, f"{name}.q_world": trace.q_world}
-    np.savez(path, **{name: value[::KEEP_EVERY] for name, value in arrays.items()})
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **{name: value[::KEEP_EVERY] for name, value in arrays.items()})
 
 
 def run_seeds(

@@ -10,6 +10,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from camnet.storage.whole_file import whole_file
+
 __all__ = ["plot_error_over_time", "plot_tracks"]
 
 _SHOWN = ("AdaTE-PLS", "EKF-CA", "UKF-PLS", "MAP-CT")
@@ -48,7 +50,8 @@ def plot_tracks(data: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         axis.set_xlim(centre[0] - half, centre[0] + half)
         axis.set_ylim(centre[1] - half, centre[1] + half)
     axes[0].legend(fontsize=8)
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=110)
 
 
 def plot_error_over_time(data: Mapping[str, Mapping[str, Any]], path: Path) -> None:
@@ -73,4 +76,5 @@ def plot_error_over_time(data: Mapping[str, Mapping[str, Any]], path: Path) -> N
         axis.set(title=name.replace("_", ", "), xlabel="step", yscale="log")
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=110)

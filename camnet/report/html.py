@@ -11,6 +11,7 @@ from typing import Any
 from camnet.report.markup import link, shown
 from camnet.report.run_data import RunData
 from camnet.report.style import FILTER_LABELS
+from camnet.storage.whole_file import write_text
 
 __all__ = ["picture", "table", "write_page", "write_report"]
 
@@ -66,9 +67,7 @@ def write_page(path: Path, title: str, body: str) -> None:
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{shown(title)}</title>'
         f"<style>{_STYLE}</style></head><body>{body}</body></html>\n"
     )
-    temporary = path.with_suffix(".partial")
-    temporary.write_text(page, encoding="utf-8")
-    temporary.replace(path)
+    write_text(path, page)
 
 
 def write_report(run: RunData, path: Path) -> None:

@@ -10,6 +10,8 @@ from typing import Any, cast
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from camnet.storage.whole_file import whole_file
+
 __all__ = ["CAMERA_COLOURS", "FILTER_COLOURS", "FILTER_LABELS", "UNSEEN", "figure_style", "save"]
 
 #: colour-blind safe, in the order of the cameras (repeated when there are more)
@@ -59,6 +61,5 @@ def figure_style() -> Iterator[None]:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure (a temporary name first); no date inside, so that equal figures give equal files."""
-    temporary = path.with_name(f".{path.name}.partial")
-    figure.savefig(temporary, format="png", bbox_inches="tight", metadata={"Software": None})
-    temporary.replace(path)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, format="png", bbox_inches="tight", metadata={"Software": None})

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
-import imageio_ffmpeg
 import numpy as np
 
+from camnet.report.encode import video_file
 from camnet.report.frame import FrameState, Image, MapPainter, rgb
 from camnet.report.run_data import RunData
 from camnet.types import Array, IntArray, Snapshot
@@ -39,30 +39,14 @@ def write_video(
     rows = np.unique(np.linspace(0, len(run.t_s) - 1, count).astype(int))
     world = PyBulletWorld(run.network.description)
     world.reset(np.random.default_rng(0))
-    temporary = path.with_name(f".{path.stem}.partial.mp4")
     try:
-        _encode(_frames(run, world, rows), len(rows), temporary, fps, progress)
-        temporary.replace(path)
+        with video_file(path, fps, quality=7) as add:
+            for k, frame in enumerate(_frames(run, world, rows), start=1):
+                add(frame)
+                if progress is not None:
+                    progress(k, len(rows))
     finally:
         world.close()
-        temporary.unlink(missing_ok=True)
-
-
-def _encode(
-    frames: Iterator[Image], count: int, path: Path, fps: int, progress: Callable[[int, int], None] | None
-) -> None:
-    first = next(frames)
-    size = (first.shape[1], first.shape[0])
-    writer = imageio_ffmpeg.write_frames(
-        str(path), size, fps=fps, codec="libx264", quality=7, macro_block_size=2, ffmpeg_log_level="error"
-    )
-    writer.send(None)  # starts the encoder
-    writer.send(np.ascontiguousarray(first))
-    for k, frame in enumerate(frames, start=2):
-        writer.send(np.ascontiguousarray(frame))
-        if progress is not None:
-            progress(k, count)
-    writer.close()
 
 
 def _frames(run: RunData, world: World, rows: IntArray) -> Iterator[Image]:

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from camnet.storage.whole_file import whole_file
 from camnet.types import Array
 
 __all__ = ["RunLog"]
@@ -52,6 +53,5 @@ class RunLog:
 
     def write(self, path: Path) -> None:
         """Write Parquet to ``path`` (a temporary name first, then renamed)."""
-        temporary = path.with_suffix(".partial")
-        pq.write_table(self.table(), temporary, compression="zstd")
-        temporary.replace(path)
+        with whole_file(path) as temporary:
+            pq.write_table(self.table(), temporary, compression="zstd")

@@ -22,10 +22,11 @@ from camnet.errors import ConfigError, DataError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.delayed import underlying
 from camnet.estimation.learning_estimator import LearningEstimator
-from camnet.estimation.persistence import LearnedModel, extract, install, merge, save_models
+from camnet.estimation.persistence import LearnedModel, extract, install, merge
 from camnet.estimation.protocol import TargetFilter
+from camnet.storage.whole_file import check_writable
 
-__all__ = ["check_saving", "save_learned", "start_from"]
+__all__ = ["check_learning", "check_saving", "collect_learned", "start_from"]
 
 #: estimators that start from saved models; `printed` is the bare one and learns for itself
 _STARTS = ("learned", "learned_shared")
@@ -38,22 +39,28 @@ def check_saving(path: Path, filters: Sequence[str]) -> None:
     ------
     ConfigError
         There is no such folder, or no estimator that learns.
+    OSError
+        The file cannot be written.
     """
     if not path.absolute().parent.is_dir() or path.is_dir():
         raise ConfigError(f"--save-model {path}: give a file in a folder that exists")
+    check_learning(filters, f"--save-model {path}: ")
+    check_writable(path)
+
+
+def check_learning(filters: Sequence[str], named: str = "") -> None:
+    """Refuse a run without an estimator that learns (ConfigError)."""
     if not set(filters) & set(_STARTS):
-        raise ConfigError(
-            f"--save-model {path}: none of the estimators {', '.join(filters)} learns; add 'learned'"
-        )
+        raise ConfigError(f"{named}none of the estimators {', '.join(filters)} learns; add 'learned'")
 
 
-def save_learned(
-    path: Path, filters: Mapping[str, Sequence[TargetFilter]], basis: RbfBasis, count: int
-) -> None:
-    """Write what the first learning estimator of a run has learned: ``count`` models a target."""
+def collect_learned(
+    filters: Mapping[str, Sequence[TargetFilter]], basis: RbfBasis, count: int
+) -> list[LearnedModel]:
+    """Return what the first learning estimator of a run has learned: ``count`` models a target."""
     name = next(name for name in filters if name in _STARTS)
     sets = filters[name][:1] if name == "learned_shared" else filters[name]
-    save_models(path, [extract(_learner(f).model(j), basis) for f in sets for j in range(count)])
+    return [extract(_learner(f).model(j), basis) for f in sets for j in range(count)]
 
 
 def start_from(

@@ -5,18 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from camnet.config.models import Scenario
 from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, track
+from camnet.estimation.persistence import LearnedModel
 from camnet.simulation.coordination import Role, Task, assign
 from camnet.simulation.handoff import Handoff
 from camnet.simulation.log import RunLog
 from camnet.simulation.loop import NetworkSimulation, Setpoints
-from camnet.simulation.models import check_saving, save_learned
+from camnet.simulation.models import check_learning, collect_learned
 from camnet.simulation.network import Network, build_network
 from camnet.simulation.recorder import Recorder
 from camnet.simulation.summary import summarise
@@ -40,6 +40,7 @@ class RunResult:
     handoffs : one record per attempted handoff
     network : the network that ran
     interrupted : whether it was stopped before its end
+    learned : what the first learning estimator has learned, where that was asked for
     """
 
     summary: dict[str, Any]
@@ -47,6 +48,7 @@ class RunResult:
     handoffs: list[dict[str, Any]]
     network: Network
     interrupted: bool
+    learned: list[LearnedModel]
 
 
 def open_simulation(
@@ -63,22 +65,22 @@ def run_network(
     seed: int,
     filters: tuple[str, ...] | None = None,
     progress: Progress | None = None,
-    save_model: Path | None = None,
+    keep_models: bool = False,
 ) -> RunResult:
     """Simulate ``scenario`` for its duration under the built-in handoff rule.
 
-    A keyboard interrupt ends the run early; its result is valid up to there and marked. With ``save_model`` what was
-    learned is written to that file.
+    A keyboard interrupt ends the run early; its result is valid up to there and marked. With ``keep_models`` the result
+    holds what was learned.
 
     Raises
     ------
     ConfigError
-        Nothing can be saved in ``save_model``.
+        ``keep_models`` without an estimator that learns.
     SimulationError
         The physics diverged; the message names body and step.
     """
-    if save_model is not None:
-        check_saving(save_model, scenario.run.estimators if filters is None else filters)
+    if keep_models:
+        check_learning(scenario.run.estimators if filters is None else filters)
     simulation = open_simulation(scenario, seed, filters)
     recorder = Recorder(simulation)
     interrupted, start = False, time.perf_counter()
@@ -90,12 +92,11 @@ def run_network(
         simulation.world.close()
     wall_s = time.perf_counter() - start
     simulation.statistics.finish()
-    if save_model is not None:
-        network = simulation.network
-        save_learned(save_model, simulation.filters, network.basis, network.n_models)
+    network = simulation.network
+    learned = collect_learned(simulation.filters, network.basis, network.n_models) if keep_models else []
     summary = summarise(simulation, wall_s, interrupted)
     handoffs = [_handoff_record(simulation, h) for t in simulation.trackers for h in t.handoffs]
-    return RunResult(summary, recorder.log, handoffs, simulation.network, interrupted)
+    return RunResult(summary, recorder.log, handoffs, network, interrupted, learned)
 
 
 def _loop(

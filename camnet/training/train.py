@@ -25,6 +25,7 @@ from camnet.agents import save_policy
 from camnet.agents.features import FEATURES
 from camnet.agents.policy_file import PolicyHeader, PolicyNet
 from camnet.errors import DataError
+from camnet.storage.whole_file import whole_file
 from camnet.training.environments import WorldRows, open_worlds, rule_on_rows
 from camnet.training.imitation import as_layers, collect, imitate
 from camnet.training.rows import JoinedRows, Normaliser, Rule
@@ -204,9 +205,8 @@ class _Run:
             "history": self.history,
             "imitation_error": self.imitation_error,
         }
-        temporary = self.folder / ".checkpoint.partial"
-        torch.save(content, temporary)
-        temporary.replace(self.folder / "checkpoint.pt")
+        with whole_file(self.folder / "checkpoint.pt") as temporary:
+            torch.save(content, temporary)
         save_policy(self.folder / "policy.npz", self.policy())
 
     def _restore(self) -> bool:

@@ -18,7 +18,7 @@ import pytest
 from camnet.cli import simulate
 from camnet.cli.main import main
 
-FILES = {"summary.json", "handoffs.json", "log.parquet"}
+FILES = {"summary.json", "handoffs.json", "log.parquet", ".camnet.json"}
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -151,7 +151,9 @@ def test_an_interrupted_run_is_valid_and_marked(tmp_path: Path, monkeypatch: pyt
     assert log["t_s"].iloc[-1] <= summary["simulated_s"]
 
 
-def test_a_taken_folder_is_kept_unless_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_taken_folder_is_kept_unless_camnet_wrote_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "mine.txt").write_text("keep me")
     arguments = [
         "simulate",
@@ -166,6 +168,9 @@ def test_a_taken_folder_is_kept_unless_forced(tmp_path: Path, capsys: pytest.Cap
     status, _, err = run(capsys, *arguments)
     assert status == 2
     assert "not empty" in err
+    assert run(capsys, *arguments, "--force")[0] == 2
     assert (tmp_path / "mine.txt").read_text() == "keep me"
-    assert run(capsys, *arguments, "--force")[0] == 0
-    assert {p.name for p in tmp_path.iterdir()} == FILES
+    (tmp_path / "mine.txt").unlink()
+    for extra in ([], ["--force"]):
+        assert run(capsys, *arguments, *extra)[0] == 0
+        assert {p.name for p in tmp_path.iterdir()} == FILES

@@ -10,8 +10,8 @@ from camnet.config.load import load_scenario
 from camnet.errors import ConfigError, DataError
 from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.learning_estimator import LearningEstimator
-from camnet.estimation.persistence import load_models
-from camnet.simulation.models import check_saving, save_learned, start_from
+from camnet.estimation.persistence import load_models, save_models
+from camnet.simulation.models import check_saving, collect_learned, start_from
 from camnet.simulation.network import build_network
 
 OVERRIDES = ["run.estimators=[learned]"]
@@ -84,7 +84,7 @@ def test_shared_estimators_merge_all_sets(saved: Path, tmp_path: Path) -> None:
     network, filters = build(2)
     start_from(load_models(saved), saved, filters, network.basis, 4)
     both = tmp_path / "both.npz"
-    save_learned(both, filters, network.basis, 4)
+    save_models(both, collect_learned(filters, network.basis, 4))
     assert len(load_models(both)) == 8
     _, shared = build(1, "learned_shared")
     start_from(load_models(both), both, shared, network.basis, 4)
