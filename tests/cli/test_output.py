@@ -283,6 +283,7 @@ def test_resumed_folders_keep_their_kind_and_content(tmp_path: Path) -> None:
         assert names(inside) == {MARKER, "one.txt"}
         with pytest.raises(FolderBusyError), resumed_folder(folder, "evaluate", ("*.txt",), False):
             pass
+    (folder / "one.txt").rename(tmp_path / "one.txt")  # the marker alone
     with (
         pytest.raises(ConfigError, match="camnet evaluate wrote"),
         resumed_folder(folder, "train", (), False),
