@@ -12,7 +12,9 @@ import re
 import socket
 from dataclasses import dataclass
 
-__all__ = ["Temporary", "is_alive", "parse", "short_name", "temporary_name"]
+from camnet.alive import is_alive
+
+__all__ = ["Temporary", "parse", "short_name", "temporary_name"]
 
 #: bytes of a name that are kept: with what is put in front, the longest name of every common file system is not reached
 _LONGEST = 180
@@ -63,14 +65,3 @@ def parse(name: str) -> Temporary | None:
     """Take a temporary name apart; None for any other name."""
     match = _PATTERN.fullmatch(name)
     return None if match is None else Temporary(match[1], match[2], int(match[3]), match[4])
-
-
-def is_alive(pid: int) -> bool:
-    """Whether a process of this number runs on this host."""
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:  # it runs, under another user
-        return True
-    return True
