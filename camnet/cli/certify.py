@@ -21,9 +21,11 @@ sound      the same argument with its errors repaired; every inequality holds un
 learned    error growth along the learned motion model, sharp enough to design with (--learn or --model)
 
 Three kinds of input:
-  camnet certify WORLD [--learn | --model FILE]          a world file: fixed or mobile cameras
-  camnet certify --cameras DIR_OF_KRTD [--tracks FILE]   surveyed cameras, targets that go anywhere
-  camnet certify --roads NET.xml --cameras FILE          cameras over a city's roads (CSV name,x,y or SUMO detectors)
+  camnet certify quickstart                              a world: fixed or mobile cameras
+  camnet certify mobile_certified --learn                the same, with the motion learned first
+  camnet certify --cameras DIR_OF_KRTD                   surveyed cameras, targets that go anywhere
+  camnet certify --cameras DIR_OF_KRTD --tracks people.csv
+  camnet certify --roads NET.xml --cameras CAMERAS.csv   cameras over a city's roads (CSV name,x,y or SUMO detectors)
 
 With --out: certificate.json, map.png, report.html and, after --learn, model.npz."""
 

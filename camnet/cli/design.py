@@ -21,8 +21,8 @@ _DESCRIPTION = """Design a network of cameras over roads, or over the ways that 
   camnet design --roads NET.xml --off-max 120            the fewest cameras: nobody is out of view for more than 120 s
   camnet design --roads NET.xml --poles POLES.csv        the same on given poles (name,x,y[,cost]): the cheapest set
   camnet design --roads NET.xml --count 60               60 cameras: the shortest time out of view
-  camnet design --roads NET.xml --repair CAMERAS         single changes that certify each uncertified transition
-  camnet design --tracks FILE --off-max 20               nobody of a track set (CSV, or ETH/UCY .txt) unseen for 20 s
+  camnet design --roads NET.xml --repair CAMERAS.csv     single changes that certify each uncertified transition
+  camnet design --tracks people.csv --off-max 20         nobody of a track set (CSV, or ETH/UCY .txt) unseen for 20 s
 
 Up to 1000 candidates are solved by integer programming, with the lower bound that proves how good the answer is;
 more by a greedy choice with the bound of the linear programme."""

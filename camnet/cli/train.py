@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from typing import Any
 
 from camnet.cli.arguments import whole
@@ -22,7 +23,8 @@ same command with the same seed gives the same policy; a run that was stopped go
   tensorboard --logdir runs/train/tensorboard
 
 --out gets policy.npz (weights and a JSON description, nothing that runs), checkpoint.pt, result.json, tensorboard/.
-Settings (--set KEY=VALUE): {settings}."""
+Settings (--set KEY=VALUE), with their defaults:
+{settings}"""
 
 
 _FILES = ("policy.npz", "checkpoint.pt", "result.json", "tensorboard/*")
@@ -32,11 +34,13 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     """Register the command."""
     from camnet.training.settings import TrainSettings
 
-    names = ", ".join(f"{name}={field.default}" for name, field in TrainSettings.model_fields.items())
+    names = ", ".join(
+        f"{name}={_written(field.default)}" for name, field in TrainSettings.model_fields.items()
+    )
     parser = commands.add_parser(
         "train",
         help="train a policy: imitation, then PPO on many environments at once",
-        description=_DESCRIPTION.format(settings=names),
+        description=_DESCRIPTION.format(settings=textwrap.fill(names, 110, break_on_hyphens=False)),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
@@ -50,6 +54,13 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     add_common(parser, "runs/train-seedN; the same command goes on there")
     parser.set_defaults(run=run)
+
+
+def _written(value: object) -> str:
+    """Write a default as ``--set`` takes it."""
+    if isinstance(value, tuple):
+        return f"[{','.join(map(str, value))}]"
+    return "null" if value is None else str(value)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -49,7 +49,7 @@ def compare(ours: Array, theirs: Array, rng: np.random.Generator) -> dict[str, A
     found = interval(difference, rng)
     if found is None:
         return None
-    if not difference.any():
+    if difference.size == 1 or not difference.any():  # either sign of one difference is as extreme: p is 1
         return {**found, "p": 1.0}
     test = permutation_test(
         (difference,), np.mean, permutation_type="samples", n_resamples=_RESAMPLES, rng=rng, batch=500

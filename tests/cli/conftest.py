@@ -1,0 +1,107 @@
+"""A folder with everything that the examples of README and ``--help`` name: worlds, a small city, people, cameras."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+#: a triangle of streets with a spur; both directions of each
+_STREETS = ("ab", "bc", "ca", "bd")
+_PLACES = {"a": (0, 0), "b": (300, 0), "c": (300, 300), "d": (600, 0)}
+
+#: 640 px wide, 4 m above the ground, tilted down by 30 degrees towards +y
+_CAMERA = """800 0 {cx}
+0 800 540
+0 0 1
+
+1 0 0
+0 -0.5 -0.8660254037844386
+0 0.8660254037844386 -0.5
+
+{tx} 3.4641016151377544 2.0
+
+0 0 0 0
+"""
+
+
+def _network(path: Path) -> None:
+    edges, links = [], []
+    names = [*_STREETS, *(name[::-1] for name in _STREETS)]
+    for name in names:
+        (x0, y0), (x1, y1) = _PLACES[name[0]], _PLACES[name[1]]
+        lane = f'<lane id="{name}_0" index="0" speed="14" length="300" shape="{x0},{y0} {x1},{y1}"/>'
+        edges.append(f'<edge id="{name}" from="{name[0]}" to="{name[1]}" priority="1">{lane}</edge>')
+        for other in names:
+            if name[1] == other[0] and (other != name[::-1] or name == "bd"):
+                links.append(
+                    f'<connection from="{name}" to="{other}" fromLane="0" toLane="0" dir="s" state="M"/>'
+                )
+    junctions = [
+        f'<junction id="{k}" type="priority" x="{x}" y="{y}" incLanes="" intLanes="" shape="{x},{y}"/>'
+        for k, (x, y) in _PLACES.items()
+    ]
+    path.write_text(f'<net version="1.16">{"".join(edges)}{"".join(junctions)}{"".join(links)}</net>')
+
+
+def _people(path: Path) -> None:
+    """Four people who walk up and down before the cameras, a fix a second."""
+    rows = ["id,t_s,x_m,y_m"]
+    for person in range(4):
+        for t in range(120):
+            y = 5.0 + 20.0 * abs((t + 30 * person) % 60 - 30) / 30.0
+            rows.append(f"p{person},{t},{3.0 * person:.2f},{y:.3f}")
+    path.write_text("\n".join(rows) + "\n")
+
+
+def _video(path: Path) -> None:
+    """A textured box that moves to the right over a textured ground."""
+    rng = np.random.default_rng(0)
+    ground = rng.integers(90, 130, (400, 320, 3)).astype(np.uint8)
+    thing = rng.integers(0, 255, (290, 87, 3)).astype(np.uint8)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (320, 400))
+    for k in range(8):
+        picture = ground.copy()
+        picture[53 : 53 + 290, 51 + 2 * k : 51 + 2 * k + 87] = thing
+        writer.write(picture)
+    writer.release()
+
+
+def _sequence(folder: Path, video: Path) -> None:
+    (folder / "img").mkdir(parents=True)
+    film, boxes = cv2.VideoCapture(str(video)), []
+    for k in range(8):
+        good, picture = film.read()
+        assert good
+        cv2.imwrite(str(folder / "img" / f"{k + 1:04d}.jpg"), picture)
+        boxes.append(f"{51 + 2 * k},53,87,290")
+    (folder / "groundtruth_rect.txt").write_text("\n".join(boxes) + "\n")
+
+
+@pytest.fixture(scope="session")
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The inputs under the names that the examples use."""
+    folder = tmp_path_factory.mktemp("examples")
+    world = ROOT / "worlds" / "quickstart" / "world.yaml"
+    shutil.copytree(ROOT / "configs", folder / "configs")
+    for name in ("worlds/quickstart", "CONFIG", "WORLD"):
+        (folder / name).mkdir(parents=True)
+        shutil.copy(world, folder / name / "world.yaml")
+    shutil.copy(world, folder / "my_world.yaml")
+    for name in ("city.net.xml", "NET", "NET.xml"):
+        _network(folder / name)
+    for name in ("POLES.csv", "CAMERAS.csv"):
+        (folder / name).write_text("name,x,y\na,0,0\nb,300,0\nc,300,300\nd,600,0\nm,150,0\n")
+    _people(folder / "people.csv")
+    (folder / "DIR_OF_KRTD").mkdir()
+    for k, name in enumerate(("gate", "yard")):
+        (folder / "DIR_OF_KRTD" / f"{name}.krtd").write_text(_CAMERA.format(cx=960, tx=-4.0 * k))
+    _video(folder / "walking.mp4")
+    for name in ("SEQUENCE", "SEQUENCE_FOLDER"):
+        _sequence(folder / name, folder / "walking.mp4")
+    return folder
