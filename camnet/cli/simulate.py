@@ -79,7 +79,9 @@ def _many(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imp
     from camnet.errors import ConfigError
 
     if not isinstance(scenario, Scenario):
-        raise ConfigError(f"--seeds {args.seeds}: a recording is replayed once; its predictions have no seed")
+        raise ConfigError(
+            f"--seeds {args.seeds.text}: a recording is replayed once; its predictions have no seed"
+        )
     if args.save_model is not None:
         raise ConfigError(f"--save-model {args.save_model}: with --seeds there is no one model to save")
     return run_and_write(
