@@ -9,6 +9,7 @@ __all__ = [
     "DataError",
     "OutputError",
     "SimulationError",
+    "WorkerError",
     "WorldError",
 ]
 
@@ -42,3 +43,7 @@ class SimulationError(CamnetError):
 
 class OutputError(CamnetError):
     """Results could not be written (full disk, no permission); says where what was written is. Exit status 1."""
+
+
+class WorkerError(CamnetError):
+    """A worker process ended before its work was done; says how, and how much is done. Exit status 1."""

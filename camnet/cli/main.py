@@ -23,12 +23,14 @@ from camnet.cli import (  # noqa: E402
     simulate,
     track_video,
     train,
+    warm_up,
     worlds,
 )
 from camnet.cli.messages import configure  # noqa: E402
 from camnet.cli.output_place import plain_words  # noqa: E402
 from camnet.cli.parser import Parser  # noqa: E402
-from camnet.errors import CamnetError, OutputError, SimulationError  # noqa: E402
+from camnet.errors import CamnetError, OutputError, SimulationError, WorkerError  # noqa: E402
+from camnet.processes.stop import TerminatedError, stop_on_signals  # noqa: E402
 
 __all__ = ["build_parser", "main"]
 
@@ -65,6 +67,7 @@ def build_parser() -> Parser:
         reproduce,
         track_video,
         bench,
+        warm_up,
     ):
         module.add_parser(commands)
     return parser
@@ -85,10 +88,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(end.code or 0)
     configure(args.log_level, args.quiet)
     try:
-        status = int(args.run(args))
+        with stop_on_signals():
+            status = int(args.run(args))
         sys.stdout.flush()  # a full disk shows here, not when the interpreter ends
         return status
-    except (SimulationError, OutputError) as error:
+    except (SimulationError, OutputError, WorkerError) as error:
         print(f"camnet: {error}", file=sys.stderr)
         return 1
     except CamnetError as error:
@@ -96,6 +100,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("camnet: interrupted", file=sys.stderr)
+        return 1
+    except TerminatedError as error:
+        print(f"camnet: {error}", file=sys.stderr)
         return 1
     except BrokenPipeError:  # the reader of our output left
         _close_output()

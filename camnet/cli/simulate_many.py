@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from camnet import __version__
 from camnet.cli.common import named_seeds, progress_bar, say
 from camnet.cli.output import print_json, resumed_folder, write_json
 from camnet.config.models import Scenario
+from camnet.processes import Workers
 from camnet.report.write import REPORT_FILES
 from camnet.storage.marker import MARKER
 from camnet.storage.partial import replaced_folder
@@ -48,13 +48,10 @@ def _run_missing(
         say(f"{len(seeds) - len(wanted)} of {len(seeds)} seeds are there already and are kept")
     if wanted:
         _compile(scenario)
-    context = multiprocessing.get_context("spawn")
     with progress_bar(len(seeds), "seeds", "seeds", args.quiet) as advance:
         advance(len(seeds) - len(wanted))
-        with ProcessPoolExecutor(args.jobs or 2, mp_context=context) as pool:
-            futures = [pool.submit(_one, scenario, s, str(folder / f"seed-{s}")) for s in wanted]
-            for k, future in enumerate(as_completed(futures), start=1):
-                future.result()
+        with Workers(args.jobs or 2) as workers:
+            for k, _ in enumerate(workers.finished(partial(_one, scenario, folder), wanted), start=1):
                 advance(len(seeds) - len(wanted) + k)
     summaries = {s: _read(folder, s)["summary"] for s in seeds}
     return {
@@ -66,21 +63,21 @@ def _run_missing(
 
 
 def _compile(scenario: Scenario) -> None:
-    """Run a moment here, so that the workers find every kernel compiled: Numba's cache has no lock."""
+    """Run a moment here, so that the workers do not compile the same."""
     from camnet.simulation.run import run_network
 
     moment = scenario.run.model_copy(update={"duration_s": 1.0})
     run_network(scenario.model_copy(update={"run": moment}), scenario.seed)
 
 
-def _one(scenario: Scenario, seed: int, folder: str) -> None:
+def _one(scenario: Scenario, folder: Path, seed: int) -> None:
     """Run one seed in a worker and write its folder (no pictures)."""
     from camnet.simulation.run import run_network
 
     result = run_network(scenario, seed)
-    if result.interrupted:
+    if result.interrupted:  # in the main process, with one job
         raise KeyboardInterrupt
-    with replaced_folder(Path(folder), "simulate") as temporary:
+    with replaced_folder(folder / f"seed-{seed}", "simulate") as temporary:
         config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
         content = {"summary": result.summary, "seed": seed, "version": __version__, "config": config}
         write_json(temporary / "summary.json", content)

@@ -15,17 +15,17 @@ import os
 import pickle
 import re
 import time
-import uuid
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from numba.core.serialize import dumps as _dumps
 
-from camnet.alive import is_alive
 from camnet.cache_folder import KERNELS, cache_folders
+from camnet.storage.whole_file import sweep_files, whole_file
 
-__all__ = ["is_known", "load", "prune", "remove", "save", "sweep"]
+__all__ = ["held", "is_known", "load", "prune", "remove", "save", "sweep"]
 
 _LOG = logging.getLogger(__name__)
 _DIGEST_BYTES = hashlib.sha256().digest_size
@@ -78,19 +78,14 @@ def save(function: str, source: str, key: str, data: object) -> None:
     if folder is None or not _saving:
         return
     path = folder / KERNELS / _name(function, source, key)
-    temporary = path.with_name(f".partial-{os.getpid()}-{uuid.uuid4().hex[:12]}")
     payload = dumps(data)
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
-        temporary.replace(path)
+        with whole_file(path) as temporary:
+            temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
     except OSError as error:
         _saving = False
         _LOG.warning("cache: %s cannot be written (%s); kernels are compiled again", folder, error.strerror)
-        temporary.unlink(missing_ok=True)
-    except BaseException:  # interrupted
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def is_known(function: str, source: str) -> bool:
@@ -111,12 +106,18 @@ def _files() -> Iterator[Path]:
     return iter(()) if folder is None else (folder / KERNELS).iterdir()
 
 
+def held() -> tuple[int, int]:
+    """Return how many compiled functions are kept, and their size in bytes."""
+    sizes = [path.stat().st_size for path in _files() if path.suffix == ".kernel"]
+    return len(sizes), sum(sizes)
+
+
 def sweep() -> None:
     """Remove what processes that were killed left half-written."""
-    for path in _files():
-        process = path.name.removeprefix(".partial-").split("-")[0]
-        if path.name.startswith(".partial-") and process.isdecimal() and not is_alive(int(process)):
-            path.unlink(missing_ok=True)
+    folder = cache_folders().write
+    if folder is not None:
+        with suppress(OSError):
+            sweep_files(folder / KERNELS)
 
 
 def prune(days: float) -> int:

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import re
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from camnet.evaluation.play import Match, play
 from camnet.evaluation.play_batch import can_play_together, play_together
 from camnet.evaluation.scores import METRICS, Score
 from camnet.evaluation.statistics import compare, interval
+from camnet.processes import Workers
 from camnet.types import Array
 
 __all__ = ["Plan", "evaluate", "returns_of"]
@@ -105,13 +105,14 @@ def _scores(
     finished = total - sum(len(task.seeds) for task in tasks)
     if progress is not None:
         progress(finished / total)
-    for task, found in _played(plan.jobs, tasks):
-        fresh = dict(zip(task.seeds, found, strict=True))
-        kept[task.match] |= fresh
-        _keep(folder, task, fresh)
-        finished += len(fresh)
-        if progress is not None:
-            progress(finished / total)
+    with closing(_played(plan.jobs, tasks)) as played:  # an error here ends the workers, too
+        for task, found in played:
+            fresh = dict(zip(task.seeds, found, strict=True))
+            kept[task.match] |= fresh
+            _keep(folder, task, fresh)
+            finished += len(fresh)
+            if progress is not None:
+                progress(finished / total)
     return kept
 
 
@@ -124,21 +125,17 @@ class _Task:
     seeds: tuple[int, ...]
 
 
-def _played(jobs: int, tasks: Sequence[_Task]) -> Iterator[tuple[_Task, list[Score]]]:
+def _played(jobs: int, tasks: Sequence[_Task]) -> Generator[tuple[_Task, list[Score]], None, None]:
     """Yield finished tasks, in any order; results do not depend on it, every episode has a seed of its own."""
-    if jobs == 1 or len(tasks) <= 1:
-        for task in tasks:
-            yield task, _play(task)
-        return
-    _compile(tasks)
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures: dict[Future[list[Score]], _Task] = {pool.submit(_play, task): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+    if jobs > 1 and len(tasks) > 1:
+        _compile(tasks)
+    with Workers(jobs) as workers:
+        for k, scores in workers.finished(_play, tasks):
+            yield tasks[k], scores
 
 
 def _compile(tasks: Sequence[_Task]) -> None:
-    """Play a moment with every world and estimator, so that workers find all compiled: Numba's cache has no lock."""
+    """Play a moment with every world and estimator, so that workers do not compile the same."""
     kinds = {(task.match.world, estimator_of(task.match.agent), task.back_end): task for task in tasks}
     for task in kinds.values():
         _play(_Task(replace(task.match, max_cycles=5), task.back_end, task.seeds[:1]))

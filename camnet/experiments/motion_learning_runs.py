@@ -9,9 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from camnet.estimation.observation import measured_world_pose
 from camnet.experiments.motion_learning_rows import Trace, build_rows, follow, score
 from camnet.experiments.motion_learning_scene import Recording, SceneSettings, record
 from camnet.geometry import rotations
+from camnet.processes import Workers
 from camnet.storage.whole_file import whole_file, write_json
 
 __all__ = ["digest", "run_seed", "run_seeds", "trace_file"]
@@ -129,21 +128,15 @@ def run_seeds(
     """
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    job = partial(run_seed, scene=scene, folder=folder)
+    job = partial(_run_one, first=seeds[0], scene=scene, folder=folder)
     done: dict[int, dict[str, Any]] = {}
+    with Workers(workers) as pool:
+        for k, result in pool.finished(job, seeds):
+            done[k] = result
+            if progress is not None:
+                progress(len(done) / len(seeds))
+    return [done[k] for k in range(len(seeds))]
 
-    def note(seed: int, result: dict[str, Any]) -> None:
-        done[seed] = result
-        if progress is not None:
-            progress(len(done) / len(seeds))
 
-    if workers == 1 or len(seeds) == 1:
-        for seed in seeds:
-            note(seed, job(seed, keep_trace=seed == seeds[0]))
-    else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            jobs = {pool.submit(job, seed, keep_trace=seed == seeds[0]): seed for seed in seeds}
-            for finished in as_completed(jobs):
-                note(jobs[finished], finished.result())
-    return [done[seed] for seed in seeds]
+def _run_one(seed: int, first: int, scene: SceneSettings, folder: Path | None) -> dict[str, Any]:
+    return run_seed(seed, scene, folder, keep_trace=seed == first)

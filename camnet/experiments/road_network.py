@@ -11,10 +11,8 @@ therefore given a second time over the instants before the robot has passed a ju
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +30,7 @@ from camnet.experiments.road_network_scene import ROADS, RoadSceneSettings, lane
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.road_graph import RoadGraph
 from camnet.geometry.rotations import angle_between, gaze_angles
+from camnet.processes import Workers
 from camnet.report.experiments import write_road_map, write_states
 from camnet.simulation.filters import TargetTruth
 from camnet.simulation.loop import FilterMaker, NetworkSimulation, Setpoints
@@ -321,13 +320,17 @@ def _run_all(
                 _job(*job, None if progress is None else lambda x, i=i: progress((i + x) / len(jobs)))  # type: ignore[misc]
             )
         return results
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        pending = [pool.submit(_job, *job) for job in jobs]
-        for done, _ in enumerate(as_completed(pending), 1):
+    found: dict[int, dict[str, Any]] = {}
+    with Workers(workers) as pool:
+        for k, result in pool.finished(_packed_job, jobs):
+            found[k] = result
             if progress is not None:
-                progress(done / len(jobs))
-        return [future.result() for future in pending]
+                progress(len(found) / len(jobs))
+    return [found[k] for k in range(len(jobs))]
+
+
+def _packed_job(job: tuple[int, RoadSceneSettings, Path | None]) -> dict[str, Any]:
+    return _job(*job)
 
 
 def _job(

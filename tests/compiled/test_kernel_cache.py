@@ -16,6 +16,7 @@ import pytest
 
 from camnet import cache_folder
 from camnet.compiled import store
+from camnet.storage.names import temporary_name
 
 KEYS = 60
 posix = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="owners and modes of files are POSIX")
@@ -75,10 +76,14 @@ def test_half_written_files_of_dead_processes_go(tmp_path: Path) -> None:
     folder = tmp_path / "cache" / "kernels"
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    (folder / f".partial-{dead.pid}-abc").write_bytes(b"x")
-    (folder / f".partial-{os.getpid()}-abc").write_bytes(b"x")
+    ours = folder / temporary_name("a.kernel")
+    theirs = folder / ours.name.replace(f"-{os.getpid()}.", f"-{dead.pid}.")
+    assert ours != theirs
+    ours.write_bytes(b"x")
+    theirs.write_bytes(b"x")
     store.sweep()
-    assert {p.name for p in folder.glob(".partial-*")} == {f".partial-{os.getpid()}-abc"}
+    assert ours.exists()
+    assert not theirs.exists()
     assert store.load("kernel", "source", "a") == 1
 
 
