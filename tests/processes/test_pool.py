@@ -60,7 +60,7 @@ def test_workers_are_other_processes_with_the_same_caches() -> None:
     assert os.getpid() not in pids
     assert len(pids) == 2
     assert {cache for _, _, cache in results} == {str(cache_folders().write)}
-    assert not any(alive(pid) for pid in pids)
+    assert until(lambda: not any(alive(pid) for pid in pids), 1.0)
 
 
 def test_the_first_error_ends_everything() -> None:
@@ -104,7 +104,7 @@ def test_leaving_the_block_ends_the_workers(tmp_path: Path, function: Callable[[
         assert left == []  # the work was unwound
     else:
         assert len(left) == 2  # killed
-        assert not any(alive(pid) for pid in left)
+        assert until(lambda: not any(alive(pid) for pid in left), 1.0)
 
 
 _PROGRAM = """
@@ -159,7 +159,7 @@ def test_a_signal_ends_all(tmp_path: Path, number: signal.Signals, group: bool) 
     assert said.strip() == (
         "KeyboardInterrupt()" if number == signal.SIGINT else f"TerminatedError({int(number)})"
     )
-    assert not any(alive(pid) for pid in workers)
+    assert until(lambda: not any(alive(pid) for pid in workers), 1.0)
     assert list(folder.iterdir()) == []  # the work was unwound
 
 
