@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from camnet.batch.row_kernel import (
     rollout_row,
 )
 from camnet.compiled import announce
+from camnet.copies import ExactCopies
 from camnet.errors import ConfigError
 from camnet.estimation.observation import measured_world_pose
 from camnet.estimation.propagate import TWIST_OUTPUTS
@@ -85,7 +87,7 @@ def _setup(network: Network) -> EstimatorSetup:
     return build_setup(scenario.estimator, network.basis, regions, rate_hz, network.bounds, scenario.roads)
 
 
-class RowBank:
+class RowBank(ExactCopies):
     """Estimators of M targets, each a row, each as new.
 
     Parameters
@@ -104,6 +106,11 @@ class RowBank:
         self._connected: tuple[Lookout, PoseSensor] | None = None
         self.pinned = BANK.pin(Bank(self.setup, self.state, self._seers, self.world, self.found, self.out))
         self.restart()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if self._connected is not None:  # the copies of lookout and sensor are elsewhere
+            self.connect(*self._connected)
 
     def restart(self) -> None:
         """Make all rows as new."""

@@ -27,6 +27,7 @@ from camnet.batch.network import MODELS, Model, Shown, pack_network
 from camnet.batch.observe import NEIGHBOUR_FIELDS, OWN_FIELDS, TARGET_FIELDS
 from camnet.batch.state import STATES, State, allocate, restart
 from camnet.compiled import announce
+from camnet.copies import ExactCopies
 from camnet.errors import ConfigError, SimulationError
 from camnet.geometry.pinned import call_compiled
 from camnet.simulation.network import Network
@@ -118,8 +119,8 @@ def _group_sizes(environments: int, threads: int) -> list[int]:
     return sizes
 
 
-class BatchSimulation:
-    """E environments of one network.
+class BatchSimulation(ExactCopies):
+    """E environments of one network; copies go on like the original, on threads of their own.
 
     Parameters
     ----------
@@ -160,8 +161,7 @@ class BatchSimulation:
             _Group(self.model, last - count, count, make(count))
             for last, count in zip(accumulate(sizes), sizes, strict=True)
         ]
-        alone = self.threads == 1 or len(self.groups) == 1
-        self._pool = None if alone else ThreadPoolExecutor(self.threads - 1)
+        self._pool = self._workers()
         self.observation_size = (
             OWN_FIELDS + TARGET_FIELDS * network.n_targets + NEIGHBOUR_FIELDS * self.model.neighbours
         )
@@ -170,6 +170,17 @@ class BatchSimulation:
         )
         self.outcome = np.zeros((environments, 5))
         announce(self.groups[0].estimators.decide, f"the batch back end with estimator {filter_name!r}")
+
+    def _workers(self) -> ThreadPoolExecutor | None:
+        alone = self.threads == 1 or len(self.groups) == 1
+        return None if alone else ThreadPoolExecutor(self.threads - 1)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_pool": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._pool = self._workers()
 
     def _maker(self, held: FrozenModel | None, duration_s: float) -> Callable[[int], Any]:
         network, model = self.network, self.model

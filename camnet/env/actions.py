@@ -8,7 +8,8 @@
 
 A position is 0 at the region's centre and +-1 at its faces less the margin, axis by axis; sliding-mode control flies
 there. Velocities are the camera's, along world axes, and the built-in controller is out of the loop. An assignment
-leaves everything below it to the built-in system.
+leaves everything below it to the built-in system. An action that is not in its space is an error (beyond the bounds by
+no more than what single precision rounds is on them).
 
 Containment. In `setpoint` and `assign` the references never leave the region. In `velocity` the command is guarded so
 that the camera stays in its region (`camnet.env.velocity`) unless ``region_guard=False``: then leaving is possible, and
@@ -21,7 +22,6 @@ An assignment that means nothing at present (a target never seen, no predicted e
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from camnet.control.setpoints import Setpoint
 from camnet.env.beliefs import Beliefs
+from camnet.env.checks import checked_box, checked_number
 from camnet.env.settings import EnvSettings
 from camnet.env.velocity import VelocityPilot
 from camnet.errors import ConfigError
@@ -53,6 +54,10 @@ class ActionMode(Protocol):
 
     def space(self) -> spaces.Space[Any]:
         """Return a space of one agent's actions."""
+        ...
+
+    def check(self, name: str, action: Any) -> None:  # noqa: ANN401 - whatever a user gives
+        """Raise ConfigError unless ``action`` is one that agent ``name`` can take."""
         ...
 
     def reset(self) -> None:
@@ -89,17 +94,17 @@ def setpoint_of(simulation: NetworkSimulation, beliefs: Beliefs, j: int, task: T
 def write_setpoints(
     actions: Array, centers: Array, reach: Array, gaze_max: float, p_world: Array, gaze: Array
 ) -> bool:
-    """Positions (N,3) and gazes (N,2) that actions (N,5), clipped to [-1, 1], ask for; False if one is not finite."""
-    total = 0.0
+    """Positions (N,3) and gazes (N,2) that actions (N,5) ask for; False if one is not in [-1, 1]."""
+    good = True
     for j in range(actions.shape[0]):
         for i in range(5):
-            total += actions[j, i]
-            share = min(max(actions[j, i], -1.0), 1.0)
+            share = actions[j, i]
+            good = good and -1.0 <= share <= 1.0
             if i < 3:
                 p_world[j, i] = centers[j, i] + share * reach[j, i]
             else:
                 gaze[j, i - 3] = share * gaze_max
-    return math.isfinite(total)
+    return good
 
 
 class _Mode:
@@ -123,22 +128,14 @@ class _Mode:
         return None
 
     def _boxed(self, actions: Mapping[str, Any], width: int) -> tuple[Array, BoolArray]:
-        """Actions (N, width) clipped to [-1, 1], zero where there is none, and who gave one."""
+        """Actions (N, width) in [-1, 1], zero where there is none, and who gave one."""
         n = len(self._names)
         given = np.array([name in actions for name in self._names])
         flat = np.zeros((n, width))
         for j in np.flatnonzero(given).tolist():
-            flat[j] = self._checked(self._names[j], actions[self._names[j]], width)
-        return np.clip(flat, -1.0, 1.0), given
-
-    @staticmethod
-    def _checked(name: str, action: Any, width: int) -> Array:  # noqa: ANN401 - whatever a user gives
-        values = np.asarray(action, dtype=float).reshape(-1)
-        if values.shape != (width,) or not np.isfinite(values).all():
-            raise ConfigError(
-                f"action of {name} = {action!r}: {width} finite numbers in [-1, 1] were expected"
-            )
-        return np.asarray(values)
+            name = self._names[j]
+            flat[j] = checked_box(f"action of {name}", actions[name], (width,))
+        return flat, given
 
     def _hold(self, simulation: NetworkSimulation, j: int) -> tuple[Array, Array]:
         """Position and gaze of agent ``j`` at the time it began to hold."""
@@ -156,11 +153,15 @@ class SetpointMode(_Mode):
         """Space of one agent's actions."""
         return spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
 
+    def check(self, name: str, action: Any) -> None:  # noqa: ANN401 - whatever a user gives
+        """See `ActionMode`."""
+        checked_box(f"action of {name}", action, (5,))
+
     def setpoints(self, simulation: NetworkSimulation, actions: Mapping[str, Any]) -> Setpoints:
         """Return the setpoints that actions ask for: positions in the world, gaze angles."""
         if len(actions) == len(self._names):
             rows = [actions[name] for name in self._names]
-            if all(isinstance(row, np.ndarray) and row.shape == (5,) for row in rows):
+            if all(isinstance(r, np.ndarray) and r.shape == (5,) and r.dtype.kind == "f" for r in rows):
                 p_world, gaze = np.empty((len(rows), 3)), np.empty((len(rows), 2))
                 given_rows, scale = np.array(rows, dtype=float), self._settings.gaze_max_rad
                 if write_setpoints(given_rows, self._centers, self._reach, scale, p_world, gaze):
@@ -200,6 +201,10 @@ class VelocityMode(_Mode):
     def space(self) -> spaces.Box:
         """Space of one agent's actions."""
         return spaces.Box(-1.0, 1.0, (6,), dtype=np.float32)
+
+    def check(self, name: str, action: Any) -> None:  # noqa: ANN401 - whatever a user gives
+        """See `ActionMode`."""
+        checked_box(f"action of {name}", action, (6,))
 
     def reset(self) -> None:
         """Start at rest."""
@@ -243,6 +248,10 @@ class AssignMode(_Mode):
         """Space of one agent's actions."""
         return spaces.Discrete(2 * self._m + 2)
 
+    def check(self, name: str, action: Any) -> None:  # noqa: ANN401 - whatever a user gives
+        """See `ActionMode`."""
+        checked_number(f"action of {name}", action, 2 * self._m + 1)
+
     def mask(self, beliefs: Beliefs | None, j: int) -> NDArray[np.int8]:
         """See `ActionMode`."""
         if beliefs is None:
@@ -256,22 +265,16 @@ class AssignMode(_Mode):
         if beliefs is None:
             raise ConfigError("action_mode 'assign' needs beliefs")
         p_world, gaze = np.empty((len(self._names), 3)), np.empty((len(self._names), 2))
+        last = 2 * self._m + 1
+        given = {name: checked_number(f"action of {name}", a, last) for name, a in actions.items()}
         for j, name in enumerate(self._names):
-            number = self._number(name, actions[name]) if name in actions else 2 * self._m + 1
-            if number == 2 * self._m + 1:
+            number = given.get(name, last)
+            if number == last:
                 p_world[j], gaze[j] = self._hold(simulation, j)
                 continue
             self._held.pop(j, None)
             p_world[j], gaze[j] = setpoint_of(simulation, beliefs, j, self._task(number, beliefs, j))
         simulation.advance(Setpoints(p_world, gaze))
-
-    def _number(self, name: str, action: Any) -> int:  # noqa: ANN401 - whatever a user gives
-        number = np.asarray(action)
-        if number.size != 1 or number.dtype.kind not in "iu" or not 0 <= int(number.item()) < 2 * self._m + 2:
-            raise ConfigError(
-                f"action of {name} = {action!r}: a whole number in 0..{2 * self._m + 1} was expected"
-            )
-        return int(number.item())
 
     def _task(self, number: int, beliefs: Beliefs, j: int) -> Task:
         if number < self._m and np.isfinite(beliefs.last_seen_s[j, number]):

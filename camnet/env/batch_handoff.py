@@ -33,9 +33,11 @@ from camnet.batch.simulation import FILTERS, BatchSimulation
 from camnet.batch.state import CYCLE, RETURN
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
+from camnet.copies import ExactCopies
 from camnet.env.batch_failures import BatchFailures
 from camnet.env.batch_messages import BatchMessages, Present, shared_rows
 from camnet.env.batch_modes import batch_mode
+from camnet.env.checks import Stage, checked_count, checked_rows, checked_seed
 from camnet.env.encode import BeliefEncoder, BeliefRows
 from camnet.env.layout import ObservationLayout
 from camnet.env.messages import messages_are_perfect
@@ -74,8 +76,8 @@ class BatchStep:
     alive: BoolArray
 
 
-class BatchHandoff:
-    """E handoff environments, stepped together.
+class BatchHandoff(ExactCopies):
+    """E handoff environments, stepped together; copies go on like the original, on threads of their own.
 
     Parameters
     ----------
@@ -110,6 +112,8 @@ class BatchHandoff:
         settings: EnvSettings | None = None,
         **options: Any,  # noqa: ANN401 - fields of EnvSettings
     ) -> None:
+        environments = checked_count("environments", environments)
+        threads = None if threads is None else checked_count("threads", threads)
         world, options = preset_options(world, options)
         scenario = world if isinstance(world, Scenario) else load_scenario(world, overrides)
         if not isinstance(scenario, Scenario):
@@ -120,7 +124,7 @@ class BatchHandoff:
         self.environments, self.n_agents = environments, self.network.n_agents
         self.possible_agents = [agent.name for agent in scenario.agents]
         self._all, self._seed = np.arange(environments), scenario.seed
-        self._running = np.zeros(environments, dtype=bool)
+        self._running, self._stage = np.zeros(environments, dtype=bool), Stage()
         self._open_rules()
         held = load_frozen(self.network, model) if isinstance(model, str | Path) else model
         duration_s = self.max_cycles / scenario.run.decision_hz
@@ -178,18 +182,24 @@ class BatchHandoff:
         seeds : one for each environment that is started
         seed : where ``seeds`` are not given, the first of consecutive ones; without either the sequence goes on
         environments : which to start (default: all)
+
+        Raises
+        ------
+        ConfigError
+            A seed is no whole number from 0 on, there is no such environment, or the environments are closed.
         """
-        chosen = (
-            np.arange(self.environments) if environments is None else np.asarray(environments, dtype=np.int64)
-        )
+        self._stage.open("reset")
+        chosen = checked_rows("environments", environments, self.environments)
         if seeds is None:
-            first = self._seed + 1 if seed is None else seed
+            first = self._seed + 1 if seed is None else checked_seed(seed)
             seeds = range(first, first + len(chosen))
         if len(seeds) != len(chosen):
             raise ConfigError(f"seeds: {len(seeds)} given for {len(chosen)} environments")
-        if len(seeds):
-            self._seed = max(seeds)
-        self._start(chosen, [int(s) for s in seeds])
+        numbers = [checked_seed(s) for s in seeds]
+        if numbers:
+            self._seed = max(numbers)
+        self._start(chosen, numbers)
+        self._stage.begin()
         return self.simulation.observations
 
     def _start(self, chosen: IntArray, seeds: list[int]) -> None:
@@ -210,8 +220,10 @@ class BatchHandoff:
         Raises
         ------
         ConfigError
-            The actions have another shape or are not finite, or an environment was not started.
+            The actions are not in their space, an environment was not started, or all are closed. Nothing has moved
+            then.
         """
+        self._stage.begun("step")
         if not self._running.all():
             e = int(np.argmin(self._running))
             raise ConfigError(f"environment {e}: its episode has ended or not begun; call reset first")
@@ -281,7 +293,8 @@ class BatchHandoff:
         return {"return": float(clock[RETURN]), "length": int(clock[CYCLE]), **self.simulation.episode(e)}
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads; nothing happens where that was done before."""
+        self._stage.close()
         self.simulation.close()
 
 

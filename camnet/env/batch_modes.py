@@ -9,6 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from camnet.control.setpoint_rows import SetpointRows
+from camnet.env.checks import checked_box, checked_numbers
 from camnet.env.encode import BeliefRows
 from camnet.env.settings import EnvSettings
 from camnet.errors import ConfigError
@@ -105,13 +106,6 @@ class _Places:
         return self._held
 
 
-def _boxed(actions: NDArray[Any], shape: tuple[int, ...]) -> Array:
-    flat = np.asarray(actions)
-    if flat.shape != shape or flat.dtype.kind not in "fiu" or not np.isfinite(flat).all():
-        raise ConfigError(f"actions of shape {flat.shape}: finite numbers of shape {shape} were expected")
-    return np.asarray(flat, dtype=np.float64)
-
-
 class PlainRows:
     """Mode ``setpoint`` where every agent works: the physics takes shares."""
 
@@ -131,7 +125,7 @@ class PlainRows:
         self, actions: NDArray[Any], alive: BoolArray, cameras: Array, beliefs: BeliefRows | None
     ) -> Array:
         """See `BatchMode`."""
-        return _boxed(actions, self._shape)
+        return checked_box("actions", actions, self._shape)
 
     def mask(self, beliefs: BeliefRows) -> None:
         """See `BatchMode`."""
@@ -160,7 +154,7 @@ class SetpointModeRows(PlainRows):
         self, actions: NDArray[Any], alive: BoolArray, cameras: Array, beliefs: BeliefRows | None
     ) -> Array:
         """See `BatchMode`."""
-        flat = np.clip(_boxed(actions, self._shape), -1.0, 1.0)
+        flat = checked_box("actions", actions, self._shape)
         wanted = np.concatenate(
             [self._centers + flat[..., :3] * self._reach, flat[..., 3:] * self._gaze_max_rad], axis=2
         )
@@ -214,13 +208,7 @@ class AssignRows:
         return np.where(holds[..., None], held, np.concatenate([p_world, gaze], axis=2))
 
     def _numbers(self, actions: NDArray[Any], shape: tuple[int, ...]) -> IntArray:
-        numbers, last = np.asarray(actions), 2 * self._m + 1
-        if numbers.shape != shape or numbers.dtype.kind not in "iu" or not _within(numbers, last):
-            raise ConfigError(
-                f"actions of shape {numbers.shape}, type {numbers.dtype}: whole numbers in 0..{last} of shape {shape} "
-                "were expected"
-            )
-        return numbers.astype(np.int64)
+        return checked_numbers("actions", actions, 2 * self._m + 1, shape)
 
     def _track(self, b: BeliefRows, target: IntArray) -> tuple[Array, Array]:
         return self._rows.track(
@@ -236,10 +224,6 @@ class AssignRows:
         late_s = b.t_s[:, None] - entry[..., 1]
         goal, gaze = self._rows.intercept(entry[..., 2:5], entry[..., 5:8], entry[..., 8], late_s)
         return self._rows.ease(goal, b.own_p_world, np.maximum(-late_s, 0.0)), gaze
-
-
-def _within(numbers: NDArray[Any], last: int) -> bool:
-    return bool(((numbers >= 0) & (numbers <= last)).all())
 
 
 def _of(values: Array, target: IntArray) -> Array:

@@ -24,7 +24,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from camnet.copies import ExactCopies
 from camnet.env.batch_handoff import BatchHandoff
+from camnet.env.checks import checked_seed, no_options
+from camnet.env.infos import finished_info
 from camnet.errors import ConfigError
 from camnet.types import Array, BoolArray
 
@@ -33,11 +36,11 @@ __all__ = ["BatchVectorEnv", "sb3_vec_env"]
 _Observations = NDArray[np.float32]
 
 
-class BatchVectorEnv(VectorEnv[_Observations, NDArray[np.float32], Array]):
+class BatchVectorEnv(ExactCopies, VectorEnv[_Observations, NDArray[np.float32], Array]):
     """E environments, each with the observations (N, D) and actions (N, 5) of all its agents, and the shared reward.
 
-    Infos hold, for environments whose episode has ended, ``final_obs`` and ``final_info`` (with ``episode``: return
-    ``r``, length ``l``; and ``metrics``: the figures of `BatchStep.finished`), masked as Gymnasium does.
+    Infos hold, for environments whose episode has ended, ``final_obs`` and ``final_info`` (with ``handoff_episode``:
+    the figures of `BatchStep.finished`; see `camnet.env.infos` for their two forms), masked as Gymnasium does.
 
     Parameters
     ----------
@@ -63,9 +66,16 @@ class BatchVectorEnv(VectorEnv[_Observations, NDArray[np.float32], Array]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[_Observations, dict[str, Any]]:
-        """Start all environments; a number seeds them consecutively, a list one by one (None: the sequence goes on)."""
-        if seed is None or isinstance(seed, int):
-            return self.env.reset(seed=seed), {}
+        """Start all environments; a number seeds them consecutively, a list one by one (None: the sequence goes on).
+
+        Raises
+        ------
+        ConfigError
+            A seed is no whole number from 0 on, there are options, or the environments are closed.
+        """
+        no_options("the vector form", options)
+        if not isinstance(seed, list | tuple | np.ndarray):
+            return self.env.reset(seed=None if seed is None else checked_seed(seed)), {}
         first = [s for s in seed if s is not None]
         if len(first) not in (0, self.num_envs):
             raise ConfigError(f"seed = {seed!r}: give a seed for every environment or for none")
@@ -80,7 +90,7 @@ class BatchVectorEnv(VectorEnv[_Observations, NDArray[np.float32], Array]):
         if self.env.agents_can_fail:
             infos = {"alive": step.alive, "_alive": np.ones(self.num_envs, dtype=bool)}
         for e, figures in step.finished.items():
-            last = {"episode": {"r": figures["return"], "l": figures["length"]}, "metrics": figures}
+            last = finished_info(figures, self.env.settings.info_form == "flat")
             infos = self._add_info(infos, {"final_obs": step.last[e], "final_info": last}, e)
         return step.observations, step.rewards, step.terminated, step.truncated, infos
 
@@ -95,11 +105,7 @@ def _check(env: BatchHandoff) -> None:
 
 
 def sb3_vec_env(env: BatchHandoff) -> Any:  # noqa: ANN401 - the class exists where the library is installed
-    """Every agent of every environment as one row of a Stable-Baselines3 ``VecEnv``, for one policy shared by all.
-
-    Row ``e N + j`` is agent j of environment e: observation (D,) of `camnet.env.layout`, action (5,), the
-    environment's shared reward. In the info of a row whose episode has ended: ``terminal_observation``,
-    ``TimeLimit.truncated``, and in the first agent's also ``episode`` (``r``, ``l``) and ``metrics``.
+    """Every agent of every environment as one row of a Stable-Baselines3 ``VecEnv``: `camnet.env.batch_rows.AgentRows`.
 
     Raises
     ------
@@ -108,71 +114,7 @@ def sb3_vec_env(env: BatchHandoff) -> Any:  # noqa: ANN401 - the class exists wh
     """
     _check(env)
     try:
-        from stable_baselines3.common.vec_env import VecEnv
+        from camnet.env.batch_rows import AgentRows
     except ImportError as error:
         raise ConfigError("Stable-Baselines3 is not installed: pip install 'camnet[train]'") from error
-
-    class AgentRows(VecEnv):
-        """See `sb3_vec_env`."""
-
-        def __init__(self) -> None:
-            self.env, self._n = env, env.n_agents
-            observation = spaces.Box(env.layout.low, env.layout.high, dtype=np.float32)
-            super().__init__(env.environments * self._n, observation, env.action_space)
-            self._first_seed: int | None = None
-            shape, kind = (env.environments, self._n, *(env.action_space.shape or ())), env.action_space.dtype
-            self._actions: NDArray[Any] = np.zeros(shape, dtype=kind)
-
-        def seed(self, seed: int | None = None) -> list[int | None]:
-            """Choose the episodes of the next reset: environment e takes seed + e."""
-            self._first_seed = seed
-            return [seed] * self.num_envs
-
-        def reset(self) -> _Observations:
-            """Start all environments."""
-            observations = env.reset(seed=self._first_seed)
-            self._first_seed = None
-            return observations.reshape(self.num_envs, -1)
-
-        def step_async(self, actions: NDArray[Any]) -> None:
-            """Take the actions of all rows."""
-            self._actions = np.asarray(actions, dtype=self._actions.dtype).reshape(self._actions.shape)
-
-        def step_wait(self) -> tuple[_Observations, NDArray[np.float32], BoolArray, list[dict[str, Any]]]:
-            """Fly one decision in all environments."""
-            before = env.alive
-            step = env.step(self._actions)
-            infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-            dones = step.failed | (step.terminated | step.truncated)[:, None]
-            for e, k in np.argwhere(dones).tolist():
-                cut = step.truncated[e] and before[e, k] and not step.failed[e, k]
-                infos[e * self._n + k]["terminal_observation"] = step.last[e, k]
-                infos[e * self._n + k]["TimeLimit.truncated"] = bool(cut)
-            for e, figures in step.finished.items():
-                infos[e * self._n]["episode"] = {"r": figures["return"], "l": figures["length"]}
-                infos[e * self._n]["metrics"] = figures
-            rewards = np.where(before, step.rewards[:, None], 0.0).astype(np.float32)
-            shown = np.where(step.alive[..., None], step.observations, np.float32(0.0))
-            return shown.reshape(self.num_envs, -1), rewards.reshape(-1), dones.reshape(-1), infos
-
-        def close(self) -> None:
-            """End the environments' threads."""
-            env.close()
-
-        def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401
-            """Attribute of the environments behind the rows."""
-            return [getattr(env, attr_name, None) for _ in self._get_indices(indices)]
-
-        def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ANN401
-            """Rows have no attributes of their own."""
-            raise AttributeError(f"rows of a batch have no attribute {attr_name!r} to set")
-
-        def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:  # noqa: ANN401
-            """Rows have no methods of their own."""
-            raise AttributeError(f"rows of a batch have no method {method_name!r}")
-
-        def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:  # noqa: ANN401
-            """Rows are not wrapped one by one."""
-            return [False for _ in self._get_indices(indices)]
-
-    return AgentRows()
+    return AgentRows(env)

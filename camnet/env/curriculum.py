@@ -56,6 +56,8 @@ def read_options(options: dict[str, Any] | None) -> ResetOptions:
     ConfigError
         An unknown option, or a value that is none; the message names it, quotes it and says what is known.
     """
+    if options is not None and not isinstance(options, dict):
+        raise ConfigError(f"reset options {options!r}: a dictionary was expected")
     given = {key: value for key, value in (options or {}).items() if key != "options"}
     for key in given:
         if key not in ResetOptions.model_fields:

@@ -9,7 +9,11 @@ Agents are the mobile cameras, one per operating region; fixed cameras are part 
 `camnet.env.settings`. Late and lost messages: `camnet.env.messages`. Options of ``reset``: `camnet.env.curriculum`.
 
 An agent that fails is terminated at that step and gone from then on; the episode goes on while anybody works. It ends
-for all when bodies collide or a target is lost for too long (if so set), and is truncated at ``max_cycles``.
+for all when bodies collide or a target is lost for too long (if so set), and is truncated at ``max_cycles``. A step
+after the end returns five empty dictionaries.
+
+Environments can be copied (`copy.deepcopy`, `pickle`): a copy goes on like the original, in a physics client of its
+own. The client is freed by ``close``, or when nobody holds the environment any more.
 """
 
 from __future__ import annotations
@@ -22,18 +26,21 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
-from pettingzoo.utils import wrappers
-from pettingzoo.utils.conversions import parallel_to_aec
 
 from camnet.batch.row_bank import RowFilters, rows_can
 from camnet.config.load import load_scenario
 from camnet.config.models import Scenario
 from camnet.control.setpoints import Setpoint
+from camnet.copies import ExactCopies
 from camnet.env.actions import SetpointMode, action_mode
+from camnet.env.aec import HandoffAEC, OrderedAEC
 from camnet.env.beliefs import Beliefs, shared_beliefs
+from camnet.env.checks import Stage, checked_seed, named_actions
 from camnet.env.curriculum import changed_scenario, changed_settings, read_options
 from camnet.env.encode import BeliefEncoder
 from camnet.env.failures import Failures
+from camnet.env.infos import EpisodeInfos
+from camnet.env.map_view import MapView
 from camnet.env.messages import Messages, messages_are_perfect
 from camnet.env.observe import Observer
 from camnet.env.presets import preset_options
@@ -41,7 +48,6 @@ from camnet.env.rewards import SharedReward
 from camnet.env.settings import EnvSettings, merged_settings
 from camnet.env.state import StateEncoder
 from camnet.errors import ConfigError
-from camnet.report.frame import MapPainter
 from camnet.simulation.coordination import Task
 from camnet.simulation.loop import NetworkSimulation, Setpoints
 from camnet.simulation.network import build_network
@@ -53,7 +59,7 @@ Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
 Action = Any
 
 
-class HandoffEnv(ParallelEnv[str, Observation, Action]):
+class HandoffEnv(ExactCopies, ParallelEnv[str, Observation, Action]):
     """Handoff environment, parallel form.
 
     Parameters
@@ -62,7 +68,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         options then are the defaults
     overrides : settings to change, as ``key=value``
     filter_name : the estimator that the observations come from (`camnet.simulation.filters.FILTERS`)
-    render_mode : ``None``, ``"rgb_array"`` or ``"human"``
+    render_mode : ``None``, ``"rgb_array"`` or ``"human"``: a window, drawn by ``reset`` and ``step``
     settings : how the network is shown and rewarded
     options : single fields of ``settings`` by name, e.g. ``max_cycles=200``
     """
@@ -99,7 +105,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self.agents: list[str] = []
         self._scenario, self._filter_name = scenario, filter_name
         self._seed = scenario.seed
-        self._painter: MapPainter | None = None
+        self._stage, self._view = Stage(), MapView("camnet handoff_v0")
         self._open(scenario)
         layout = self.observer.layout
         dictionary = self.settings.observation_form == "dict"
@@ -124,11 +130,16 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Space of one agent's observations (the same object every time)."""
-        return self.observation_spaces[agent]
+        return self.observation_spaces[self._known(agent)]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
         """Space of one agent's actions (the same object every time)."""
-        return self.action_spaces[agent]
+        return self.action_spaces[self._known(agent)]
+
+    def _known(self, agent: str) -> str:
+        if agent not in self.possible_agents:
+            raise ConfigError(f"agent {agent!r}: no such agent; there are {', '.join(self.possible_agents)}")
+        return agent
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -138,14 +149,17 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         Raises
         ------
         ConfigError
-            An option that is unknown or out of range; `camnet.env.curriculum` lists them.
+            An option that is unknown or out of range (`camnet.env.curriculum` lists them), a seed that is no whole
+            number from 0 on, or the environment is closed.
         """
-        self._seed = self._seed + 1 if seed is None else _checked_seed(seed)
+        self._stage.open("reset")
         chosen = read_options(options)
+        self._seed = self._seed + 1 if seed is None else checked_seed(seed)
         scenario, settings = changed_scenario(self._scenario, chosen), changed_settings(self.settings, chosen)
         if scenario != self.simulation.network.scenario:
-            self.simulation.world.close()
+            before = self.simulation.world
             self._open(scenario)
+            before.close()
         self._last_cycle = self.max_cycles if chosen.max_cycles is None else chosen.max_cycles
         self.simulation.reset(self._seed)
         self._mode.reset()
@@ -153,6 +167,9 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self.agents = list(self.possible_agents)
         self._cycle = 0
         self._reward = SharedReward(self.settings.reward, self._dt_s)
+        self._tell = EpisodeInfos(self.settings.info_form == "flat", self.simulation)
+        self._stage.begin()
+        self._draw()
         return self._observations(), self._infos(self.agents)
 
     def _start_episode(self, settings: EnvSettings) -> None:
@@ -170,13 +187,17 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         """Return what everybody believes now; None where all share one belief and nothing but observations needs it."""
         if self._messages is not None:
             return self._messages.exchange(self.simulation)
-        return self.beliefs() if self.settings.action_mode == "assign" else None
+        return self._common() if self.settings.action_mode == "assign" else None
+
+    def _common(self) -> Beliefs:
+        return shared_beliefs(self.simulation, self.settings.communication_range_m)
 
     def beliefs(self) -> Beliefs:
         """Return what every agent believes now."""
+        self._stage.begun("beliefs")
         if self._messages is not None and self._beliefs is not None:
             return self._beliefs
-        return shared_beliefs(self.simulation, self.settings.communication_range_m)
+        return self._common()
 
     def step(
         self, actions: dict[str, Action]
@@ -192,12 +213,15 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         Raises
         ------
         ConfigError
-            An action is missing, has the wrong shape or is not finite.
+            An action is missing, not in its space or of nobody; the environment is closed or was never reset. Nothing
+            has moved then.
         """
+        self._stage.begun("step")
+        given = named_actions(actions, self.agents, self.possible_agents)
         if not self.agents:
             return {}, {}, {}, {}, {}
         names = self.agents
-        self._mode.fly(self.simulation, self._given(actions), self._beliefs)
+        self._mode.fly(self.simulation, given, self._beliefs)
         self._cycle += 1
         reward = self._reward(self.simulation)
         failed = self._fail()
@@ -207,6 +231,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self._beliefs = self._exchanged()
         observations = self._observations()
         self.agents = [] if over else [name for name in names if name not in failed]
+        self._draw()
         return (
             observations,
             dict.fromkeys(names, reward),
@@ -215,12 +240,18 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
             self._infos(names, over, failed),
         )
 
-    def _given(self, actions: dict[str, Action]) -> dict[str, Action]:
-        """Return the actions of all live agents and of nobody else."""
-        missing = [name for name in self.agents if name not in actions]
-        if missing:
-            raise ConfigError(f"actions: none given for {missing}; every live agent needs one")
-        return {name: actions[name] for name in self.agents}
+    def check_open(self, call: str) -> None:
+        """Raise ConfigError where the environment is closed; ``call`` is named in the message."""
+        self._stage.open(call)
+
+    def check_begun(self, call: str) -> None:
+        """Raise ConfigError unless the environment was reset and is not closed; ``call`` is named in the message."""
+        self._stage.begun(call)
+
+    def check_action(self, agent: str, action: Action) -> None:
+        """Raise ConfigError unless ``action`` is one that ``agent`` can take now."""
+        self._stage.begun("step")
+        self._mode.check(self._known(agent), action)
 
     def _fail(self) -> set[str]:
         """Let agents fail; return the names of those that failed in this decision."""
@@ -234,11 +265,16 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         """Return the setpoints that actions of mode ``setpoint`` ask for: positions in the world, gaze angles."""
         if not isinstance(self._mode, SetpointMode):
             raise ConfigError(f"action_mode = {self.settings.action_mode!r}: only 'setpoint' has setpoints")
-        return self._mode.setpoints(self.simulation, self._given(actions))
+        self._stage.begun("setpoints")
+        return self._mode.setpoints(
+            self.simulation, named_actions(actions, self.agents, self.possible_agents)
+        )
 
     def action_of(self, agent: str, task: Task, setpoint: Setpoint) -> Action:
         """Return the action, in this environment's mode, that comes nearest to a task of the built-in system."""
-        return self._mode.encode(self.simulation, self.possible_agents.index(agent), task, setpoint)
+        return self._mode.encode(
+            self.simulation, self.possible_agents.index(self._known(agent)), task, setpoint
+        )
 
     def _terminated(self) -> bool:
         if self.settings.terminate_on_collision and self.simulation.snapshot.collisions:
@@ -267,13 +303,7 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
         self, names: Sequence[str], last: bool = False, failed: Set[str] = frozenset()
     ) -> dict[str, dict[str, Any]]:
         """Certificates at every step, masks in mode ``assign``, who has failed, the figures of a whole episode."""
-        simulation = self.simulation
-        common: dict[str, Any] = {"certificate": simulation.statistics.certificate(simulation.snapshot.t_s)}
-        if last:
-            common["episode"] = simulation.statistics.episode(simulation)
-        infos = {name: dict(common) for name in names}
-        for name in failed:
-            infos[name]["failed"] = True
+        infos = self._tell(self.simulation, names, last, failed)
         if self.settings.action_mode == "assign":
             for j, name in enumerate(self.possible_agents):
                 if name in infos:
@@ -282,22 +312,28 @@ class HandoffEnv(ParallelEnv[str, Observation, Action]):
 
     def state(self) -> NDArray[np.float32]:
         """Return the true state of the network, for centralised critics; see `camnet.env.state`."""
+        self._stage.begun("state")
         return self._state.encode(self.simulation)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Map of the network as an RGB array; shown in a window in ``human`` mode."""
-        if self.render_mode is None:
-            return None
-        if self._painter is None:
-            self._painter = MapPainter(self.simulation.network)
-        image = self._painter.paint_simulation(self.simulation)
-        if self.render_mode == "rgb_array":
-            return image
-        self._painter.show(image)
-        return None
+        """Map of the network as an RGB array; in ``human`` mode nothing, as `reset` and `step` draw it in a window.
+
+        Raises
+        ------
+        ConfigError
+            The environment is closed or was never reset.
+        """
+        self._stage.begun("render")
+        return self._view.image(self.simulation) if self.render_mode == "rgb_array" else None
+
+    def _draw(self) -> None:
+        if self.render_mode == "human":
+            self._view.show(self.simulation)
 
     def close(self) -> None:
-        """Free the physics engine."""
+        """Free the physics engine and the window; nothing happens where that was done before."""
+        self._stage.close()
+        self._view.close()
         self.simulation.world.close()
 
 
@@ -309,12 +345,6 @@ def _open_simulation(scenario: Scenario, filter_name: str) -> NetworkSimulation:
     return NetworkSimulation(network, world, (filter_name,), scenario.seed, makers)
 
 
-def _checked_seed(seed: int) -> int:
-    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
-        raise ConfigError(f"seed = {seed!r}: a whole number from 0 on was expected")
-    return int(seed)
-
-
 def parallel_env(**options: Any) -> HandoffEnv:  # noqa: ANN401 - parameters of HandoffEnv
     """Return the environment in parallel form; see `HandoffEnv` for the options."""
     return HandoffEnv(**options)
@@ -322,9 +352,9 @@ def parallel_env(**options: Any) -> HandoffEnv:  # noqa: ANN401 - parameters of 
 
 def raw_env(**options: Any) -> AECEnv[str, Observation, Action]:  # noqa: ANN401 - parameters of HandoffEnv
     """Return the environment in agent-environment-cycle form, without wrappers."""
-    return parallel_to_aec(HandoffEnv(**options))
+    return HandoffAEC(HandoffEnv(**options))
 
 
 def env(**options: Any) -> AECEnv[str, Observation, Action]:  # noqa: ANN401 - parameters of HandoffEnv
     """Return the environment in agent-environment-cycle form, checking the order of calls."""
-    return wrappers.OrderEnforcingWrapper(raw_env(**options))
+    return OrderedAEC(raw_env(**options))

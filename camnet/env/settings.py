@@ -49,7 +49,8 @@ class EnvSettings(Settings):
     in an observation, those farther than ``communication_range_m`` being left out.
 
     ``action_mode`` and ``region_guard`` are explained in `camnet.env.actions`, ``observation_form`` ("flat" array or
-    "dict" of named parts) in `camnet.env.layout`, ``message_delay_s`` and ``message_loss`` in `camnet.env.messages`.
+    "dict" of named parts) in `camnet.env.layout`, ``info_form`` ("nested" or "flat" numbers) in `camnet.env.infos`,
+    ``message_delay_s`` and ``message_loss`` in `camnet.env.messages`.
     """
 
     max_cycles: Annotated[int, Field(gt=0, le=10_000_000)] = 600
@@ -61,6 +62,7 @@ class EnvSettings(Settings):
     reward: RewardSettings = RewardSettings()
     action_mode: Literal["setpoint", "velocity", "assign"] = "setpoint"
     observation_form: Literal["flat", "dict"] = "flat"
+    info_form: Literal["nested", "flat"] = "nested"
     region_guard: bool = True
     message_delay_s: NonNegative = 0.0
     message_loss: Fraction = 0.0

@@ -14,8 +14,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from camnet.copies import ExactCopies
 from camnet.env.actions import setpoint_of
 from camnet.env.beliefs import tasks
+from camnet.env.checks import checked_seed
 from camnet.env.handoff_v0 import HandoffEnv
 from camnet.errors import ConfigError
 
@@ -27,8 +29,17 @@ Team = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 
 def built_in(env: HandoffEnv) -> Team:
     """Return the handoff rule of the built-in system, in whatever action mode ``env`` has."""
+    return _BuiltIn(env)
 
-    def act(observations: Mapping[str, Any]) -> dict[str, Any]:
+
+class _BuiltIn:
+    """See `built_in`."""
+
+    def __init__(self, env: HandoffEnv) -> None:
+        self._env = env
+
+    def __call__(self, observations: Mapping[str, Any]) -> dict[str, Any]:
+        env = self._env
         beliefs = env.beliefs()
         chosen = tasks(env.simulation, beliefs)
         actions = {}
@@ -38,11 +49,9 @@ def built_in(env: HandoffEnv) -> Team:
             actions[name] = env.action_of(name, chosen[j], setpoint)
         return actions
 
-    return act
 
-
-class SingleAgentEnv(gymnasium.Env[Any, Any]):
-    """Gymnasium environment of one agent.
+class SingleAgentEnv(ExactCopies, gymnasium.Env[Any, Any]):
+    """Gymnasium environment of one agent; copies go on like the original, with the others' policies copied too.
 
     An episode ends when it ends for this agent: with everybody's, or when it fails itself.
 
@@ -80,19 +89,28 @@ class SingleAgentEnv(gymnasium.Env[Any, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start an episode; its seed is drawn from this environment's generator."""
-        super().reset(seed=seed)
+        self.network_env.check_open("reset")
+        super().reset(seed=None if seed is None else checked_seed(seed))
         episode_seed = int(self.np_random.integers(2**31))
         self._observations, infos = self.network_env.reset(seed=episode_seed, options=options)
         self._others = self._build_others(self.network_env)
         return self._observations[self.agent], infos[self.agent]
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
-        """Fly one decision period with ``action`` for this agent, and the others by their policies."""
+        """Fly one decision period with ``action`` for this agent, and the others by their policies.
+
+        Raises
+        ------
+        ConfigError
+            The action is not in its space, the episode has ended for this agent, or the environment is closed or was
+            never reset. Nothing has moved then.
+        """
+        self.network_env.check_action(self.agent, action)
+        if self.agent not in self.network_env.agents:
+            raise ConfigError(f"step: {self.agent} is gone: reset() starts the next episode")
         others = {name: seen for name, seen in self._observations.items() if name in self._live()}
         actions = {**self._others(others), self.agent: action}
         observations, rewards, terminations, truncations, infos = self.network_env.step(actions)
-        if self.agent not in observations:
-            raise ConfigError(f"{self.agent} is gone: reset() starts the next episode")
         self._observations = observations
         name = self.agent
         return observations[name], float(rewards[name]), terminations[name], truncations[name], infos[name]
@@ -101,9 +119,9 @@ class SingleAgentEnv(gymnasium.Env[Any, Any]):
         return {name for name in self.network_env.agents if name != self.agent}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Map of the network as an RGB array; shown in a window in ``human`` mode."""
+        """Map of the network as an RGB array; in ``human`` mode nothing, as `reset` and `step` draw it in a window."""
         return self.network_env.render()
 
     def close(self) -> None:
-        """Free the physics engine."""
+        """Free the physics engine and the window; nothing happens where that was done before."""
         self.network_env.close()

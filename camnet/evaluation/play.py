@@ -10,6 +10,7 @@ import numpy as np
 
 from camnet.agents import estimator_of, make_team
 from camnet.env import handoff_v0
+from camnet.env.infos import EPISODE
 from camnet.evaluation.scores import EpisodeRecorder, Instant, Score
 
 __all__ = ["Match", "play", "play_one"]
@@ -76,7 +77,7 @@ def play_one(
         recorder.add(next(iter(rewards.values())), _instant(env))
         if frame is not None:
             frame(env)
-    return recorder.score(next(iter(infos.values()))["episode"])
+    return recorder.score(next(iter(infos.values()))[EPISODE])
 
 
 def _instant(env: handoff_v0.HandoffEnv) -> Instant:

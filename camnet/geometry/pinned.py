@@ -61,10 +61,16 @@ def call_compiled(kernel: Any, *arguments: Any) -> Any:  # noqa: ANN401 - any co
 
 
 class Pinned(Generic[_T]):
-    """A named tuple at a fixed address; it has to be kept for as long as the address is used."""
+    """A named tuple at a fixed address; it has to be kept for as long as the address is used.
+
+    A copy is a copy of the tuple, at an address of its own.
+    """
 
     def __init__(self, value: _T, room: Any, at: int) -> None:  # noqa: ANN401 - an array of bytes
         self.value, self._room, self.at = value, room, at
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _pin_again, (self.value,)
 
 
 def _digest(of: Any) -> int:  # noqa: ANN401 - a type of named tuples
@@ -108,6 +114,18 @@ def _write(value: Any, address: int) -> None:  # noqa: ANN401
     _store(value, address)
 
 
+#: the pins of every class of named tuples
+_PINS_OF: dict[type, Pins[Any]] = {}
+
+
+def _pins_of(of: type[_T]) -> Pins[_T]:
+    return _PINS_OF[of]
+
+
+def _pin_again(value: _T) -> Pinned[_T]:
+    return _PINS_OF[type(value)].pin(value)
+
+
 class Pins(Generic[_T]):
     """Pins named tuples of one class, and reads them in compiled code.
 
@@ -124,6 +142,10 @@ class Pins(Generic[_T]):
         self._class = of
         self._type: Any = None
         self.of: Any = self._reader()
+        _PINS_OF[of] = self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _pins_of, (self._class,)
 
     def compiled_source(self) -> str:
         """Describe the layout that compiled code reads, for `camnet.compiled.source`."""

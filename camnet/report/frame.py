@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -65,11 +64,11 @@ class MapPainter:
             axes.autoscale_view()
             canvas.draw()
         self._background: Image = np.asarray(canvas.buffer_rgba())[..., :3].copy()
-        self._to_display = axes.transData.transform
+        #: (2, 3) from map points to pixels; both axes are linear
+        self._to_display: Array = np.array(axes.transData.get_matrix()[:2])
         self._image = self._background
         self._tails: list[deque[Array]] = [deque(maxlen=_TAIL) for _ in range(network.n_targets)]
         self._last_t_s = -math.inf
-        self._window: Any = None
 
     def paint(self, state: FrameState) -> Image:
         """Return one frame, (size, size, 3), RGB."""
@@ -105,22 +104,9 @@ class MapPainter:
         )
         return self.paint(state)
 
-    def show(self, image: Image) -> None:
-        """Show a frame in a window (nothing is shown where there is no display)."""
-        import matplotlib.pyplot as plt
-
-        if self._window is None:
-            figure, axes = plt.subplots()
-            axes.set_axis_off()
-            self._window = (figure, axes.imshow(image))
-        figure, picture = self._window
-        picture.set_data(image)
-        figure.canvas.draw_idle()
-        figure.canvas.flush_events()
-
     def _pixels(self, points: Array) -> NDArray[np.int32]:
         """Pixel coordinates (K,2) of map points (K,2), in sixteenths of a pixel (OpenCV's sub-pixel drawing)."""
-        display = np.array(self._to_display(np.atleast_2d(points)))
+        display = np.atleast_2d(points) @ self._to_display[:, :2].T + self._to_display[:, 2]
         display[:, 1] = self._background.shape[0] - display[:, 1]
         return np.round(display * 16).astype(np.int32)
 

@@ -98,10 +98,13 @@ class PoseSensor:
         least = settings.dropout_probability
         frame = _Frame(self._kept, least, self._normal, scale, self.poses, self.pairs)
         self._pinned = _PINS.pin(frame)
-        #: address of the frame, for `measure_frame`
-        self.at = self._pinned.at
         self._pending: deque[PoseMeasurement] = deque()
         self._last_frame = -1
+
+    @property
+    def at(self) -> int:
+        """Address of the frame, for `measure_frame`."""
+        return self._pinned.at
 
     def due(self, t_s: float) -> bool:
         """Whether a frame is to be taken at ``t_s``: the visibility test may be skipped when not."""

@@ -163,8 +163,11 @@ class Lookout:
         self._outside: BoolArray = np.zeros(n_agents, dtype=np.bool_)
         self._who: IntArray = np.zeros((2, targets), dtype=np.int64)
         self._pinned = _PINS.pin(_Facts(low, high, *packed, self.visible, self._outside, self._who))
-        #: address of the facts, for `survey_truth`
-        self.at = self._pinned.at
+
+    @property
+    def at(self) -> int:
+        """Address of the facts, for `survey_truth`."""
+        return self._pinned.at
 
     def look(self, now: Snapshot, exceptions: BoolArray, working: BoolArray) -> Survey:
         """Find out who is where, and who sees whom; sight lines are not looked at.

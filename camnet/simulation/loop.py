@@ -10,7 +10,6 @@ Rates: physics inside the world, control at ``controller.rate_hz``, sensing at `
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +19,7 @@ from camnet.control.autopilot import Autopilot
 from camnet.control.monitor import DisturbanceMonitor
 from camnet.control.references import ReferenceGenerator
 from camnet.control.sliding_mode import SlidingModeController
+from camnet.copies import ExactCopies
 from camnet.errors import ConfigError
 from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.persistence import load_models
@@ -38,8 +38,9 @@ from camnet.simulation.models import start_from
 from camnet.simulation.network import Network
 from camnet.simulation.perception import Perceived, Perceiver
 from camnet.simulation.statistics import RunStatistics
-from camnet.types import Array, BoolArray, Pose, PoseMeasurement, Snapshot, Twist
-from camnet.world.protocol import CameraCommand, Foresees, Steers, World
+from camnet.simulation.truth import TruthRecord, truth_of
+from camnet.types import Array, BoolArray, PoseMeasurement, Snapshot
+from camnet.world.protocol import CameraCommand, Steers, World
 
 __all__ = ["FilterMaker", "NetworkSimulation", "Setpoints"]
 
@@ -55,8 +56,8 @@ class Setpoints:
     gaze_rad: Array
 
 
-class NetworkSimulation:
-    """One camera network in closed loop.
+class NetworkSimulation(ExactCopies):
+    """One camera network in closed loop; copies go on like the original, in a world of their own.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ class NetworkSimulation:
         world_rng, self._sensor_rng = (
             np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2)
         )
-        self.snapshot: Snapshot = self.world.reset(world_rng)
+        self._record = TruthRecord(self.world.reset(world_rng), _frames_late(scenario.sensing) + 2)
         self.count = 0
         self._controller = SlidingModeController(scenario.controller)
         self._references = ReferenceGenerator(
@@ -111,7 +112,6 @@ class NetworkSimulation:
         self._reference_state = self._references.start(self.snapshot.camera_p_world[: network.n_agents])
         features = [target.features_m for target in network.description.targets]
         self._sensor = build_sensor(scenario.sensing, network.cameras, features, self.world.render)
-        self._past: deque[Snapshot] = deque(maxlen=_frames_late(scenario.sensing) + 2)
         self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
         self._autopilot = self._build_autopilot()
         self.filters: dict[str, list[TargetFilter]] = {
@@ -150,7 +150,7 @@ class NetworkSimulation:
 
     def _build_filters(self, name: str) -> list[TargetFilter]:
         network, scenario = self.network, self.network.scenario
-        truths = [self._truth(m) for m in range(network.n_targets)]
+        truths = [truth_of(self._record, self.world, m) for m in range(network.n_targets)]
         if name in self._makers:
             return list(self._makers[name](network, truths))
         filters = build_filters(
@@ -167,20 +167,14 @@ class NetworkSimulation:
         # the oracle asks no measurement
         return [DelayedFilter(f, latency_s) for f in filters] if latency_s and name != "oracle" else filters
 
-    def _truth(self, m: int) -> TargetTruth:
-        """Return what the rows that are told the truth of target ``m`` may ask for."""
-        world = self.world
+    @property
+    def snapshot(self) -> Snapshot:
+        """The truth now."""
+        return self._record.now
 
-        def twist(t_s: float) -> Twist:
-            then = next((s for s in reversed(self._past) if s.t_s <= t_s + 1e-9), self.snapshot)
-            return Twist(then.target_v_world[m], then.target_w_body[m])
-
-        def pose() -> Pose:
-            return Pose(self.snapshot.target_p_world[m], self.snapshot.target_q_world[m])
-
-        if not isinstance(world, Foresees):
-            return TargetTruth(twist)
-        return TargetTruth(twist, pose, lambda t_s: world.foresee(m, t_s))
+    @snapshot.setter
+    def snapshot(self, now: Snapshot) -> None:
+        self._record.now = now
 
     @property
     def driving(self) -> list[TargetFilter]:
@@ -242,7 +236,7 @@ class NetworkSimulation:
     def _sense(self) -> None:
         snapshot, network = self.snapshot, self.network
         exceptions = network.exceptions(snapshot.target_p_world, snapshot.agent_p_world)
-        self._past.append(snapshot)
+        self._record.past.append(snapshot)
         if self._perceiver is not None:
             self.perceived = self._perceiver.perceive(snapshot, exceptions, self.working, self._sensor_rng)
             self._survey(snapshot, self.perceived.survey)

@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from camnet.agents.features import FEATURES, FeatureMap
 from camnet.agents.policy import AgentContext
+from camnet.copies import ExactCopies
 from camnet.types import Array
 
 __all__ = ["FeatureRows", "JoinedRows", "Normaliser", "Rule"]
@@ -45,7 +46,7 @@ class Normaliser:
         return np.clip((features - self.mean) / self.scale, -_LIMIT, _LIMIT).astype(np.float32)
 
 
-class FeatureRows(VecEnvWrapper):
+class FeatureRows(ExactCopies, VecEnvWrapper):
     """Agents of many environments of one world, shown by the features of `camnet.agents.features`.
 
     Parameters
@@ -94,7 +95,7 @@ class FeatureRows(VecEnvWrapper):
         return self._features(np.asarray(shown)), rewards, dones, infos
 
 
-class JoinedRows(VecEnv):
+class JoinedRows(ExactCopies, VecEnv):
     """The rows of several vector environments, one after the other.
 
     Parameters

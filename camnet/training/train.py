@@ -24,6 +24,7 @@ from camnet import __version__
 from camnet.agents import save_policy
 from camnet.agents.features import FEATURES
 from camnet.agents.policy_file import PolicyHeader, PolicyNet
+from camnet.env.infos import EPISODE
 from camnet.errors import DataError
 from camnet.storage.whole_file import whole_file
 from camnet.training.environments import WorldRows, open_worlds, rule_on_rows
@@ -275,7 +276,7 @@ class _Meter(BaseCallback):
         for info in self.locals["infos"]:
             if "episode" in info:
                 self._returns.append(float(info["episode"]["r"]))
-                self._in_view.append(float(info["metrics"]["time_in_view"]))
+                self._in_view.append(float(info[EPISODE]["time_in_view"]))
         return True
 
     def _on_rollout_end(self) -> None:

@@ -67,7 +67,7 @@ def play(pair: Pair) -> BatchStep:
         step = pair.step(team(live), np.full(5, 0.3))
     pair.compare()
     assert step is not None
-    episode = next(info["episode"] for info in pair.infos.values() if "episode" in info)
+    episode = next(info["handoff_episode"] for info in pair.infos.values() if "handoff_episode" in info)
     assert step.finished[0]["time_in_view"] == episode["time_in_view"]
     assert step.finished[0]["handoffs"] == episode["handoffs"]
     return step
@@ -126,7 +126,7 @@ def test_when_the_last_agent_fails_the_episode_ends_and_another_begins() -> None
         assert [bool(row.any()) for row in shown[0]] == [False] * dead + [True] * (4 - dead)
         failed = k // 2 if k < 8 else 0
         assert infos["alive"][1].tolist() == [False] * failed + [True] * (4 - failed)
-    assert infos["final_info"]["episode"]["l"].tolist() == [8, 8]
+    assert infos["final_info"]["handoff_episode"]["length"].tolist() == [8, 8]
     env.close()
 
 

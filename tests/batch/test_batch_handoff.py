@@ -47,7 +47,7 @@ def _side_by_side(name, steps, world="quickstart", overrides=()):
     visible = np.array_equal(env.simulation.visible, batch.simulation.gather("visible")[0])
     env.close()
     batch.close()
-    return fields, reward_error, visible, infos["camera_0"]["episode"], step.finished[0]
+    return fields, reward_error, visible, infos["camera_0"]["handoff_episode"], step.finished[0]
 
 
 def _check_agreement(result, tolerance=1e-4):
@@ -162,7 +162,7 @@ def test_gymnasium_vector_form():
         assert ("final_obs" in infos) == (k == 3)
     assert truncated.all()
     assert env.single_observation_space.contains(infos["final_obs"][0])
-    assert infos["final_info"]["episode"]["l"].tolist() == [4, 4, 4]
+    assert infos["final_info"]["handoff_episode"]["length"].tolist() == [4, 4, 4]
     env.close()
 
 

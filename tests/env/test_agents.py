@@ -32,7 +32,7 @@ def play(agent: str, cycles: int, seed: int = 1) -> tuple[float, dict[str, objec
         observations, rewards, _, _, infos = env.step(actions)
         total += rewards["camera_0"]
     env.close()
-    return total, infos["camera_0"]["episode"]
+    return total, infos["camera_0"]["handoff_episode"]
 
 
 @pytest.mark.parametrize("agent", AGENTS)

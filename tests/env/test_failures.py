@@ -42,7 +42,7 @@ def test_a_failed_agent_ends_at_its_time_and_sees_nothing_any_more() -> None:
             assert not env.simulation.visible[0].any()
     assert env.agents == []
     assert set(infos) == {"camera_1", "camera_2", "camera_3"}
-    assert all("episode" in info for info in infos.values())
+    assert all("handoff_episode" in info for info in infos.values())
     np.testing.assert_allclose(env.simulation.snapshot.camera_p_world[0], place, atol=0.1)  # it hovers
     env.reset(seed=1)
     assert len(env.agents) == 4
@@ -60,7 +60,7 @@ def test_the_episode_ends_with_the_last_agent() -> None:
     assert steps == 5
     assert all(terminations.values())
     assert not any(truncations.values())
-    assert all("episode" in info and info["failed"] for info in infos.values())
+    assert all("handoff_episode" in info and info["failed"] for info in infos.values())
     env.close()
 
 

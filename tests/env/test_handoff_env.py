@@ -46,10 +46,13 @@ def test_pettingzoo_seeds() -> None:
     parallel_seed_test(handoff_v0.parallel_env, 10)
 
 
-def test_pettingzoo_state_render_and_cycles() -> None:
+def test_pettingzoo_state_and_cycles() -> None:
     state_test(handoff_v0.env(), handoff_v0.parallel_env())
-    render_test(handoff_v0.env)
     max_cycles_test(handoff_v0)
+
+
+def test_pettingzoo_render(display: str) -> None:
+    render_test(handoff_v0.env)
 
 
 def test_whole_episodes_stay_in_their_spaces_and_repeat() -> None:

@@ -86,7 +86,7 @@ def test_the_built_in_system_solves_every_registered_environment(
     act = built_in(env)
     while env.agents:
         observations, *_, infos = env.step(act({name: observations[name] for name in env.agents}))
-    episode = next(info["episode"] for info in infos.values() if "episode" in info)
+    episode = next(info["handoff_episode"] for info in infos.values() if "handoff_episode" in info)
     env.close()
     handoffs = episode["handoffs"]
     assert handoffs["attempted"] >= 3

@@ -23,6 +23,7 @@ def _silence() -> Iterator[None]:
 with _silence():
     import pybullet  # noqa: F401 - first import, so that the greeting is lost here
 
+from camnet.world.pybullet.engine import open_clients  # noqa: E402 - after the engine
 from camnet.world.pybullet.world import PyBulletWorld  # noqa: E402 - after the engine
 
-__all__ = ["PyBulletWorld"]
+__all__ = ["PyBulletWorld", "open_clients"]

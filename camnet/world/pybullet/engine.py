@@ -5,7 +5,11 @@ The engine's quaternions are x y z w; everything else in camnet is w x y z, and 
 
 from __future__ import annotations
 
+import tempfile
+import weakref
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import pybullet as pb
 
@@ -14,7 +18,7 @@ from camnet.types import Array
 from camnet.world.pybullet.shapes import Solid
 from camnet.world.settings import PhysicsSettings
 
-__all__ = ["GROUND", "GROUND_MASK", "Engine", "xyzw"]
+__all__ = ["GROUND", "GROUND_MASK", "Engine", "open_clients", "xyzw"]
 
 #: name of the ground in collision pairs
 GROUND = "ground"
@@ -43,11 +47,59 @@ class Engine:
 
     def __init__(self, physics: PhysicsSettings, substeps: int = 1) -> None:
         self._physics, self._substeps, self._watched = physics, substeps, False
+        self.names: dict[int, str] = {}
+        self._connect()
+        self.restart()
+
+    def _connect(self) -> None:
+        """Open a client, which is freed by `close` or when nobody holds this engine any more."""
         self.client: int = pb.connect(pb.DIRECT)
         if self.client < 0:
             raise WorldError("PyBullet gave no physics client; too many worlds are open: close() some")
-        self.names: dict[int, str] = {}
-        self.restart()
+        _OPEN.add(self.client)
+        self._free = weakref.finalize(self, _disconnect, self.client)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the settings alone: a copy's client is a new, empty one, to be built anew and to `load` the state."""
+        return {
+            "_physics": self._physics,
+            "_substeps": self._substeps,
+            "_watched": self._watched,
+            "_closed": self.client < 0,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        closed = state.pop("_closed")
+        self.__dict__.update(state)
+        self.names = {}
+        if closed:
+            self.client = -1
+        else:
+            self._connect()
+            self.restart()
+
+    def save(self) -> bytes:
+        """State of all bodies and of their contacts, to the last bit."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "state.bullet"
+            pb.saveBullet(str(file), physicsClientId=self.client)
+            return file.read_bytes()
+
+    def load(self, saved: bytes) -> None:
+        """Take over a state that `save` made of an engine with the same bodies.
+
+        Raises
+        ------
+        WorldError
+            The bodies are others, or the state cannot be read.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "state.bullet"
+            file.write_bytes(saved)
+            try:
+                pb.restoreState(fileName=str(file), physicsClientId=self.client)
+            except pb.error as error:
+                raise WorldError(f"PyBullet cannot take over the state of a copied world: {error}") from error
 
     def restart(self) -> None:
         """Empty the client: nothing of an earlier run (contacts, warm starts) survives."""
@@ -157,7 +209,21 @@ class Engine:
         return {(a, b) if a < b else (b, a) for a, b in touching}
 
     def close(self) -> None:
-        """Disconnect."""
+        """Disconnect; nothing happens where that was done before."""
         if self.client >= 0:
-            pb.disconnect(self.client)
             self.client = -1
+            self._free()
+
+
+#: clients that are open now
+_OPEN: set[int] = set()
+
+
+def open_clients() -> int:
+    """Count the physics clients that worlds of this process hold."""
+    return len(_OPEN)
+
+
+def _disconnect(client: int) -> None:
+    _OPEN.discard(client)
+    pb.disconnect(client)

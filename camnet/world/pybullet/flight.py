@@ -73,9 +73,9 @@ class Flight:
     ) -> None:
         """Start at rest in hover at ``p_world`` (N,3), orientation ``q`` (N,4), rotors at hover speed."""
         n = len(numbers)
-        self._numbers, self._rng = numbers, rng
+        self._rng = rng
+        self.adopt(numbers)
         for i, number in enumerate(numbers):
-            self._engine.make_free(number, self._model.mass_kg, self._model.inertia_kgm2.tolist())
             self._engine.place(number, p_world[i].tolist(), xyzw(q[i]))
             pb.resetBaseVelocity(number, (0, 0, 0), (0, 0, 0), self._engine.client)
         self.memory = np.zeros((n, 19))
@@ -92,8 +92,14 @@ class Flight:
         if wind.gust_std_mps > 0:
             self._gust = rng.normal(scale=wind.gust_std_mps, size=(n, 3))
         self.bodies, self._before = np.zeros((n, 13)), np.zeros((n, 13))
-        self._write = struct.Struct(f"{13 * n}d").pack_into
+        self._row_format = f"{13 * n}d"
         self._read()
+
+    def adopt(self, numbers: list[int]) -> None:
+        """Fly the bodies ``numbers`` of the engine from now on, wherever they are."""
+        self._numbers = numbers
+        for number in numbers:
+            self._engine.make_free(number, self._model.mass_kg, self._model.inertia_kgm2.tolist())
 
     def _read(self) -> None:
         """Poses and velocities from the engine into ``bodies``."""
@@ -102,7 +108,7 @@ class Flight:
         for b in self._numbers:
             (p, q), (v, w) = position(b, c), velocity(b, c)
             flat += (*p, *q, *v, *w)
-        self._write(self.bodies.data, 0, *flat)
+        struct.pack_into(self._row_format, self.bodies.data, 0, *flat)
 
     def _wind(self, wind: WindSettings, dt: float) -> Array:
         """Mean wind plus a first-order Gauss-Markov gust of each agent, (N,3)."""

@@ -46,7 +46,7 @@ class KinematicMotion:
     ) -> None:
         """Start at rest: bodies at ``p_world`` (N,3), ``q`` (N,4), cameras at ``camera_p``, ``camera_q``."""
         n = len(numbers)
-        self._numbers, self._q_body = numbers, q
+        self._q_body = q
         self._engine.watch(True)
         self._arm = rotate(q, np.broadcast_to(self._offset, (n, 3)))
         self._frequency = rng.uniform(*_FREQUENCY_RANGE_RADPS, size=(n, 6))
@@ -54,10 +54,15 @@ class KinematicMotion:
         self._steps = 0
         self.camera = np.hstack([camera_p, camera_q, np.zeros((n, 6))])
         self.bodies = np.hstack([p_world, np.roll(q, -1, axis=1), np.zeros((n, 6))])
+        self.adopt(numbers)
+        self._place()
+
+    def adopt(self, numbers: list[int]) -> None:
+        """Move the bodies ``numbers`` of the engine from now on, wherever they are."""
+        self._numbers = numbers
         inertia = list(self._physics.quadrotor.inertia_kgm2)
         for number in numbers:
             self._engine.make_free(number, self._physics.quadrotor.mass_kg, inertia)
-        self._place()
 
     def _place(self) -> None:
         for number, body in zip(self._numbers, self.bodies.tolist(), strict=True):

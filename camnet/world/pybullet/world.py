@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import pybullet as pb
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from camnet.control.camera_kernel import body_motion, first_unsound
 from camnet.control.flight_kernel import INVALID
+from camnet.copies import ExactCopies
 from camnet.errors import SimulationError, WorldError
 from camnet.geometry.rotations import STRAIGHT_DOWN, from_yaw, multiply, rotate
 from camnet.types import Array, BoolArray, Snapshot
@@ -36,8 +37,11 @@ def _ball(size_m: tuple[float, float, float]) -> float:
     return math.hypot(0.5 * size_m[0], 0.5 * size_m[1], size_m[2])
 
 
-class PyBulletWorld:
+class PyBulletWorld(ExactCopies):
     """A world simulated by PyBullet; see `camnet.world.protocol.World` for the contract.
+
+    A copy has a physics client of its own and goes on like the original, bit for bit where nothing touches. The client
+    is freed by `close`, or when nobody holds the world any more.
 
     Parameters
     ----------
@@ -75,6 +79,27 @@ class PyBulletWorld:
         self._kinematic = KinematicMotion(self._engine, d.physics, d.substeps)
         self._targets = Targets(self.target_names, [t.motion for t in d.targets], self.control_dt_s)
         self._snapshot: Snapshot | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        alive = self._snapshot is not None and self._engine.client >= 0
+        return {**self.__dict__, "_saved": self._engine.save() if alive else None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        saved = state.pop("_saved")
+        self.__dict__.update(state)
+        if saved is not None:
+            self._rebuild(saved)
+
+    def _rebuild(self, saved: bytes) -> None:
+        """Give the copy's engine, which is empty, the bodies of the original, in the same order, and their state."""
+        self._scene = build_scene(self._engine, self.description)
+        (self._kinematic if self._is_kinematic else self._flight).adopt(self._scene.agents)
+        if self._complete:
+            complete_scene(self._engine, self.description, self._scene)
+        if self._drawn:
+            draw_scenery(self._engine, self.description)
+        self._engine.load(saved)
+        self._placed = self._boxes_fresh = False
 
     def reset(self, rng: np.random.Generator) -> Snapshot:
         """Put everything at its start; see the protocol."""
