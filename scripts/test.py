@@ -1,7 +1,7 @@
 """Lint, types, import contracts and tests, in the project's own environment.
 
 ``--slow`` adds the long reproductions; every other argument goes to pytest. Types are checked beside the tests; what is
-found is said at the end.
+found is printed at the end.
 """
 
 from __future__ import annotations
@@ -25,6 +25,11 @@ def main() -> None:
     finally:
         types.kill()
     print(f"mypy: {said.strip()}", flush=True)
+    failed = [name for name, status in (("types", types.returncode), ("tests", tests)) if status]
+    print(
+        f"FAILED: {', '.join(failed)}" if failed else "lint, import contracts, types and tests passed",
+        flush=True,
+    )
     raise SystemExit(types.returncode or tests)
 
 
