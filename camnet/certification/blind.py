@@ -77,7 +77,9 @@ def _elsewhere(eye: Array, away_m: float, low: Array, high: Array) -> str:
     centimetres = bool(((eye[:2] / 100.0 >= low - margin) & (eye[:2] / 100.0 <= high + margin)).all())
     question = "are these longitudes and latitudes?"
     if centimetres and not degrees:
-        question = "are these centimetres? Divided by 100 it stands on the site; else: are these longitudes and latitudes?"
+        question = (
+            "are these centimetres (divided by 100 it stands on the site), or longitudes and latitudes?"
+        )
     elif not degrees:
         question = "are these longitudes and latitudes, centimetres, or the coordinates of another map?"
     return f"stands at ({x:g}, {y:g}), {away_m / 1000.0:.3g} km from every way: {question}"

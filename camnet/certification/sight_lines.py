@@ -127,7 +127,7 @@ def _sees(
         for k in range(a.shape[0]):
             if a[k, 0] * points[f, 0] + a[k, 1] * points[f, 1] + a[k, 2] * points[f, 2] > b[k]:
                 return False
-    for f in range(points.shape[0]):
+    for f in range(points.shape[0]):  # noqa: SIM110 - Numba compiles no generator expressions
         if _blocked(eye, points[f], normals, limits, ptr):
             return False
     return True

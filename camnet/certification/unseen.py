@@ -4,7 +4,7 @@ r"""The longest unseen stretch of any way through a network of roads, from enter
 | --- | --- | --- | --- |
 | h(a) | ``head`` | m or s | unseen part of arc a before its first view; its whole length where nobody sees it |
 | t(a) | ``tail`` | m or s | unseen part of arc a after its last view |
-| F(a) | ``_ahead`` | m or s | longest unseen way from the start of a: h(a), and on over a's successors where a is unseen |
+| F(a) | ``_ahead`` | m or s | longest unseen way from the start of a: h(a), and on over its successors if a is unseen |
 
 A way is a walk along arcs. Its unseen stretches lie between two views of one arc, or lead from a view over unseen arcs
 to the next one, t(a) + max F(b), or from an entry, F(a), or to an exit. A circle of unseen arcs makes F infinite. F is

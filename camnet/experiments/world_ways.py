@@ -166,7 +166,8 @@ def _driven(
         path, away = _roll_lap(motion, first) if closed else _roll_turn(motion, first, then)
         known[key] = (np.c_[(path[:, :2] - line[0]) @ np.array([[c, -s], [s, c]]), path[:, 2] - angle], away)
     path, away = known[key]
-    return np.c_[path[:, :2] @ np.array([[c, s], [-s, c]]) + line[0], path[:, 2] + angle], away
+    back = path[:, :2] @ np.array([[c, s], [-s, c]]) + line[0]
+    return np.asarray(np.c_[back, path[:, 2] + angle], dtype=np.float64), away
 
 
 def _straight(line: Array) -> Array:
@@ -174,7 +175,8 @@ def _straight(line: Array) -> Array:
     length = float(np.linalg.norm(along, axis=1).sum())
     f = np.linspace(0.0, 1.0, max(2, math.ceil(length / 0.1) + 1))
     way = line[0] + f[:, None] * (line[-1] - line[0])
-    return np.c_[way, np.full(len(way), math.atan2(along[0, 1], along[0, 0]))]
+    heading = np.full(len(way), math.atan2(along[0, 1], along[0, 0]))
+    return np.asarray(np.c_[way, heading], dtype=np.float64)
 
 
 def _half_lines(network: RoadNetwork, first: _Heading, then: _Heading) -> Array:
@@ -192,7 +194,7 @@ def _part(line: CenterLine, forward: bool, low: float, high: float) -> Array:
     a, b = (low * length, high * length) if forward else ((1.0 - high) * length, (1.0 - low) * length)
     inner = [s for s in line.arc if a + 1e-9 < s < b - 1e-9]
     points = np.array([line.at(s)[:2] for s in (a, *inner, b)])
-    return points if forward else points[::-1]
+    return np.asarray(points if forward else points[::-1])
 
 
 def _begin(motion: RoadMotion, heading: _Heading, share: float) -> TargetState:
@@ -257,9 +259,9 @@ def _roll_lap(motion: RoadMotion, heading: _Heading) -> tuple[Array, float]:
     away = np.linalg.norm(path[begin + 20 :, :2] - path[begin, :2], axis=1)
     near = np.flatnonzero(away < 2.0 * _STEP_M)
     end = begin + 20 + int(near[np.argmin(away[near[near < near[0] + 5]])]) if len(near) else 2 * lap
-    return np.concatenate(
-        [path[begin:end], path[begin : begin + 1] + [0.0, 0.0, path[end, 2] - path[begin, 2]]]
-    ), 0.0
+    last = path[begin].copy()
+    last[2] = path[end, 2]  # closes, a turn later
+    return np.vstack([path[begin:end], last]), 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +291,7 @@ def path_ways(motion: TargetMotion, at_least_s: float, dt_s: float, half_width_m
     rows = np.array(poses)
     rows[:, 2] = np.unwrap(rows[:, 2])
     moved = np.r_[True, np.linalg.norm(np.diff(rows[:, :2], axis=0), axis=1) > 1e-9]
-    t = dt_s * np.arange(len(rows))[moved]
+    t = np.asarray(dt_s * np.arange(len(rows), dtype=np.float64)[moved])
     rows = rows[moved]
     begin, end = _lap(rows)
     if begin < 0:
