@@ -61,7 +61,7 @@ class DwellBounds:
     constants : of this certificate, stationary or mobile
     v_hi : level that the Lyapunov value must not exceed while the target is unseen
     v_lo : level that it must fall below while the target is seen
-    shared_model : whether all regions share one history stack and model (``sound``, mobile); stationary networks do
+    shared_model : whether all regions or views share one history stack and model (``sound``)
     """
 
     constants: Constants
@@ -84,7 +84,7 @@ class DwellBounds:
     def v_on(self) -> float:
         """Upper bound of the Lyapunov value when feedback returns."""
         c = self.constants
-        if c.certificate == "sound" and c.mobile and not self.shared_model:
+        if c.certificate == "sound" and not self.shared_model:
             return self.v_hi + c.c2
         return self.v_hi
 

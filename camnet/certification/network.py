@@ -26,7 +26,7 @@ from camnet.certification.constants import (
 )
 from camnet.certification.dwell import DwellBounds, DwellTime
 from camnet.certification.settings import CertificateSettings
-from camnet.certification.verdict import Theorem31, theorem_31
+from camnet.certification.verdict import Theorem31, occlusion_verdict, theorem_31
 from camnet.errors import CertificateError
 
 __all__ = [
@@ -51,12 +51,14 @@ class NetworkGap:
     Attributes
     ----------
     source, target : names of the two
-    gap_m : distance between them, m
+    gap_m : distance between them, m; 0 where they overlap
+    overlap_m : how deep inside the second view a target can be when it leaves the first, m; 0 without an overlap
     """
 
     source: str
     target: str
     gap_m: float
+    overlap_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,12 +185,15 @@ def certify_dwell(
     v_lo: float | None = None,
     shared_model: bool = False,
 ) -> DwellCertificates:
-    """Return both certificates' dwell times for a network whose views hold a ball of ``radius_m``."""
+    """Return both certificates' dwell times for a network whose views hold a ball of ``radius_m``.
+
+    ``shared_model``: all regions or views share one model and history stack (``estimator.share``).
+    """
     pair = []
     for make in (published, sound):
         constants = make(bounds, mobile=mobile)
         v_hi, level = default_levels(constants, radius_m, v_lo)
-        pair.append(DwellBounds(constants, v_hi, level, shared_model=shared_model or not mobile))
+        pair.append(DwellBounds(constants, v_hi, level, shared_model=shared_model))
     return DwellCertificates(*pair)
 
 
@@ -198,6 +203,7 @@ def dwell_report(
     v_max_mps: float,
     extent_m: float,
     gaps: Sequence[NetworkGap] = (),
+    faults: Sequence[str] = (),
 ) -> dict[str, object]:
     """Return the dwell-time report of a network as plain data.
 
@@ -207,6 +213,7 @@ def dwell_report(
     v_max_mps : bound of the target's speed, m/s
     extent_m : largest distance of a target's feature from its reference point, m
     gaps : gaps between views; Theorem 3.1 is applied to each of them, for stationary networks
+    faults : contradictions between the premises of ``sound``, which is refused then
 
     Returns
     -------
@@ -216,9 +223,15 @@ def dwell_report(
         replaced by the monitor's count after a run.
     """
     verdicts = _gap_verdicts(certificates.published, v_max_mps, extent_m, gaps)
+    sound_part = _one_report(certificates.sound, [])
+    if faults:
+        sound_part |= {
+            "verdict": "refused",
+            "reason": "its premises contradict each other: " + "; ".join(faults),
+        }
     return {
         "published": _one_report(certificates.published, verdicts),
-        "sound": _one_report(certificates.sound, []),
+        "sound": sound_part,
         "gaps": [
             {"from": g.source, "to": g.target, "gap_m": g.gap_m, "published": v.as_dict()}
             for g, v in zip(gaps, verdicts, strict=False)
@@ -236,7 +249,12 @@ def _gap_verdicts(
         return []
     best = [bounds.on_min(h=h).seconds for h in (False, True)]
     on_min = min((s for s in best if s is not None), default=None)
-    return [theorem_31(gap.gap_m, v_max_mps, on_min, extent_m) for gap in gaps]
+    return [
+        occlusion_verdict(gap.overlap_m, v_max_mps, on_min, extent_m)
+        if gap.overlap_m > 0.0
+        else theorem_31(gap.gap_m, v_max_mps, on_min, extent_m)
+        for gap in gaps
+    ]
 
 
 def _one_report(bounds: DwellBounds, verdicts: Sequence[Theorem31]) -> dict[str, object]:
@@ -269,8 +287,9 @@ def _verdict(
     on: dict[str, DwellTime], off: dict[str, DwellTime], verdicts: Sequence[Theorem31]
 ) -> tuple[str, str]:
     """Summarise: unsatisfiable geometry first, then impossible dwell times, then the times themselves."""
-    if verdicts:
-        return "unsatisfiable", "Theorem 3.1: " + verdicts[0].reason
+    apart = [v for v in verdicts if v.verdict == "unsatisfiable"]
+    if apart:
+        return "unsatisfiable", "Theorem 3.1: " + apart[0].reason
     texts, possible = [], False
     for name, words in (
         ("not_excited", "before the model is learned"),

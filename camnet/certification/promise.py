@@ -16,12 +16,14 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-__all__ = ["BlindCamera", "Promise", "UnseenWay", "join_promises"]
+__all__ = ["BlindCamera", "Promise", "UnseenWay", "join_promises", "with_claims"]
 
 #: what is allowed may be exceeded by this much (m or s): rounding of sums
 _SLACK = 1e-6
 #: stretches up to this length (m) are contact of two views
 _CONTACT_M = 1e-3
+_NO_ESTIMATOR = "no estimator was given whose dwell times could be proven"
+_NO_MODEL = "no motion model was given (--learn or --model for a world, --model-error for roads)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,13 +143,11 @@ class Promise:
     def _count(self) -> str:
         if self.served is None:
             return "any number at once"
-        if self.served == 0:
-            return "not even one at a time"
         return "one at a time" if self.served == 1 else f"up to {self.served} at once"
 
     def _stretch(self) -> str:
-        if self.served == 0:
-            return "no time out of view is promised"
+        if self.refusals:
+            return "nothing is promised"
         if not self.bounded:
             return "may stay out of view without end"
         if self.unseen_max_m <= _CONTACT_M:
@@ -162,7 +162,8 @@ class Promise:
     def reasons(self) -> tuple[str, ...]:
         """Everything that speaks against a certificate, the weightiest first; empty when certified."""
         out = [*self.refusals]
-        out += [f"no camera ever sees {name}" for name in self.nobody_sees]
+        why = f": camera {self.blind[0].name} {self.blind[0].reason}" if self.blind else ""
+        out += [f"no camera ever sees {name}{why}" for name in self.nobody_sees]
         if self.longest is not None and not self.bounded:
             out.append(_describe(self.longest))
         elif self.longest is not None and not self._within():
@@ -225,6 +226,29 @@ def join_promises(parts: list[Promise]) -> Promise:
         blind=tuple(c for c in first.blind if all(c.name in names for names in blind)),
         refusals=tuple(dict.fromkeys(r for p in parts for r in p.refusals)),
     )
+
+
+def with_claims(report: dict[str, Any], promise: Promise) -> dict[str, Any]:
+    """Return a report with the promise at its head and the two claims apart.
+
+    ``claims.unseen`` is the verdict of the promise; ``claims.estimate`` holds the ``certificates``: whether the
+    estimate survives what is promised. A certificate that was not asked about is not certified.
+    """
+    estimate: dict[str, Any] = dict(report["certificates"])
+    estimate.setdefault("sound", {"verdict": "not certified", "reason": _NO_ESTIMATOR})
+    estimate.setdefault("learned", {"verdict": "not certified", "reason": _NO_MODEL})
+    if not report["transitions"] and promise.unseen_max_m > _CONTACT_M:
+        for name, part in estimate.items():
+            if part["verdict"] == "certified":  # over nothing
+                reason = "no way leads from view to view, and targets are out of view"
+                estimate[name] = {**part, "verdict": "not certified", "reason": reason}
+    reason = "; ".join(promise.reasons) or promise.sentence
+    return {
+        "promise": promise.as_dict(),
+        "claims": {"unseen": {"verdict": promise.verdict, "reason": reason}, "estimate": estimate},
+        **report,
+        "certificates": estimate,
+    }
 
 
 def _describe(way: UnseenWay) -> str:

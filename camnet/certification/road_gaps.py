@@ -62,6 +62,7 @@ class RoadGaps:
     shortest_m, longest_m : (T,) unseen length, m
     exits : (E,) stretches that end unseen
     leaves, cyclic, cut : (E,) whether some branch leaves the network, meets an unseen cycle, exceeds the search
+    branches : (T,) whether a junction with several ways lies in the unseen part of a transition
     """
 
     stretches: SeenStretches
@@ -73,6 +74,7 @@ class RoadGaps:
     leaves: BoolArray
     cyclic: BoolArray
     cut: BoolArray
+    branches: BoolArray
 
 
 def merge_coverage(roads: RoadArcs, coverage: Coverage) -> SeenStretches:
@@ -141,4 +143,5 @@ def road_gaps(roads: RoadArcs, coverage: Coverage, search_m: float = math.inf) -
         leaves=(flags & 1) > 0,
         cyclic=(flags & 2) > 0,
         cut=(flags & 4) > 0,
+        branches=np.concatenate([np.zeros(len(inner), dtype=bool), (code & 8 > 0)[row_exit]]),
     )

@@ -77,7 +77,8 @@ def gap_search(
 
     ``exit_left`` is the unseen length between the exit and its arc's end. Returns rows (exit, interval, shortest,
     longest) and for each exit a code: bit 1: some branch leaves the network, bit 2: unseen cycle, bit 4: the search
-    stopped at ``search_m``. The longest path to an interval beyond an unseen cycle is infinite.
+    stopped at ``search_m``, bit 8: a junction with several ways is unseen. The longest path to an interval beyond an
+    unseen cycle is infinite.
     """
     n_arcs, n_exits = len(head), len(exit_arc)
     capacity = max(64, 4 * n_exits)
@@ -93,6 +94,8 @@ def gap_search(
         count, qh, qt = 0, 0, 0
         if ptr[exit_arc[e]] == ptr[exit_arc[e] + 1]:
             code[e] |= 1
+        if ptr[exit_arc[e] + 1] - ptr[exit_arc[e]] > 1:
+            code[e] |= 8
         for t in range(ptr[exit_arc[e]], ptr[exit_arc[e] + 1]):
             a = successor[t]
             if mark[a] != e:
@@ -115,6 +118,8 @@ def gap_search(
                 continue
             if ptr[a] == ptr[a + 1]:
                 code[e] |= 1
+            if ptr[a + 1] - ptr[a] > 1:
+                code[e] |= 8
             for t in range(ptr[a], ptr[a + 1]):
                 b = successor[t]
                 if mark[b] != e:

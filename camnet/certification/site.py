@@ -12,8 +12,10 @@ import numpy as np
 
 from camnet.certification.coverage import Coverage, Views, cover_roads
 from camnet.certification.free_network import FreeTargetClass, certify_free, ground_views
+from camnet.certification.promise import with_claims
 from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.road_gaps import RoadGaps, road_gaps
+from camnet.certification.road_promise import road_promise
 from camnet.certification.transitions import (
     GrowthModel,
     RoadTargetClass,
@@ -48,6 +50,9 @@ def certify_road_site(
     search_m: float = math.inf,
     coverage: Coverage | None = None,
     constants: dict[str, object] | None = None,
+    off_max_m: float | None = None,
+    limit_source: str = "stated",
+    dwell: tuple[float | None, float | None] | None = None,
 ) -> tuple[dict[str, object], RoadGaps, dict[str, TransitionTable]]:
     """Certify fixed cameras on a road network.
 
@@ -56,8 +61,10 @@ def certify_road_site(
     roads, views, names : network, fields of view and names of the cameras
     target : road-bound class
     height_m : height of the targets' reference point, m
-    off_max_s, on_min_s : dwell times in force, or stated; None: none exists
+    off_max_s, off_max_m, limit_source : what is allowed out of view, and who says so; None: not limited
+    on_min_s : least time in view that is asked for
     growth : error growth, for the ``learned`` certificate
+    dwell : dwell times that an estimator's analysis proves, for ``sound``; None: there is no estimator
     occluders : convex polytopes (B, c), B x <= c with unit normals
     search_m : unseen ways longer than this are not followed, and then not certified
     coverage : what is seen, where it is known already (mobile cameras: their regions); ``views`` are not used then
@@ -66,18 +73,30 @@ def certify_road_site(
     Returns
     -------
     tuple
-        the report as plain data, the gaps, and the verdicts by certificate (for maps).
+        the report as plain data, with the ``promise`` and both ``claims``, the gaps, and the verdicts by certificate
+        (for maps).
     """
     if coverage is None:
         if views is None:
             raise CertificateError("views or coverage: one of them is needed")
         coverage = cover_roads(roads, views, height_m, target.extent_m, occluders)
     gaps = road_gaps(roads, coverage, search_m)
-    tables = certify_roads(gaps, target, off_max_s, on_min_s, growth)
+    tables = certify_roads(gaps, target, off_max_s, on_min_s, growth, off_max_m=off_max_m, dwell=dwell)
     report = network_report(
         gaps, tables, target, names, growth=growth, on_min_s=on_min_s, constants=constants
     )
-    return report, gaps, tables
+    promise = road_promise(
+        roads,
+        coverage,
+        names,
+        target,
+        off_max_s=off_max_s,
+        off_max_m=off_max_m,
+        limit_source=limit_source,
+        views=views,
+        height_m=height_m,
+    )
+    return with_claims(report, promise), gaps, tables
 
 
 def certify_open_site(

@@ -3,12 +3,13 @@ r"""Verdicts for every transition of a camera network on roads, and for the netw
 | symbol | name | unit | meaning |
 | --- | --- | --- | --- |
 | l_max / v_lo | | s | latest re-sighting of a road-bound target |
-| Dt_off, Dt_on | ``off_max_s``, ``on_min_s`` | s | dwell times of the certificate in force |
+| T | ``off_max_s``, ``off_max_m`` | s, m | what is allowed out of view |
+| Dt_off, Dt_on | ``dwell`` | s | dwell times that the estimator's analysis proves |
 | r(tau) = e(tau) + rho | ``allowed_time`` | m | ball of the ``learned`` certificate; e' <= min(mu e + e_v, 2 v_max) |
 
-``sound``: a transition is certified when l_max / v_lo <= Dt_off and chord / v_max >= Dt_on. ``learned``:
-when the ball fits the next view at the latest time at which the target is where it fits best,
-(l_max + way inside) / v_lo.
+``unseen``: l_max / v_lo <= T and chord / v_max >= ``on_min_s``. ``sound``: the same with the proven Dt_off and Dt_on.
+``learned``: the ball fits the next view at the latest time at which the target is where it fits best,
+(l_max + way inside) / v_lo, and no junction with several ways is unseen: a model knows one way.
 ``published`` is about networks with disjoint views and is always unsatisfiable (``verdict``).
 """
 
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -118,33 +119,48 @@ def certify_roads(
     off_max_s: float | None,
     on_min_s: float | None,
     growth: GrowthModel | None = None,
+    *,
+    off_max_m: float | None = None,
+    dwell: tuple[float | None, float | None] | None = None,
 ) -> dict[str, TransitionTable]:
-    """Return the ``sound`` table and, given a growth model, the ``learned`` one.
+    """Return the ``unseen`` table and, given what they need, the ``sound`` and the ``learned`` one.
 
     Parameters
     ----------
     gaps : transitions of the network
     target : class of the targets
-    off_max_s, on_min_s : dwell times in force, or those that the designer states; None: no dwell time exists
-    growth : error growth while unseen
+    off_max_s, off_max_m : what is allowed out of view; None: not limited in that unit
+    on_min_s : least time in view that is asked for; None: none
+    growth : error growth while unseen, for ``learned``
+    dwell : (Dt_off, Dt_on) of the estimator's analysis, s, for ``sound``; None within: no dwell time exists
     """
-    tables = {"sound": _by_dwell(gaps, target, off_max_s, on_min_s)}
+    far = math.inf if off_max_m is None else off_max_m
+    tables = {"unseen": _by_time(gaps, target, _or(off_max_s, math.inf), _or(on_min_s, 0.0), far)}
+    if dwell is not None:
+        off, on = _or(dwell[0], -math.inf), _or(dwell[1], math.inf)
+        tables["sound"] = _by_time(gaps, target, off, on)
     if growth is not None:
         tables["learned"] = _by_growth(gaps, target, on_min_s, growth)
     return tables
 
 
-def _by_dwell(
-    gaps: RoadGaps, target: RoadTargetClass, off_max_s: float | None, on_min_s: float | None
+def _or(value: float | None, otherwise: float) -> float:
+    return otherwise if value is None else value
+
+
+def _by_time(
+    gaps: RoadGaps, target: RoadTargetClass, off_s: float, on_s: float, off_m: float = math.inf
 ) -> TransitionTable:
-    off = -math.inf if off_max_s is None else off_max_s
-    on = math.inf if on_min_s is None else on_min_s
     chord = gaps.stretches.chord_m[gaps.entry_stretch]
-    out_s = off - gaps.longest_m / target.v_lo_mps
-    in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on)
-    out_m = target.v_lo_mps * out_s
-    in_m = target.v_max_mps * in_s
-    return _table(out_s, in_s, out_m, in_m, np.full(len(chord), max(off, 0.0)), "time out of view")
+    with np.errstate(invalid="ignore"):  # nothing is allowed, or nothing limited, beside a way without end
+        out_s = np.minimum(
+            off_s - gaps.longest_m / target.v_lo_mps, (off_m - gaps.longest_m) / target.v_lo_mps
+        )
+    out_s = np.where(np.isinf(gaps.longest_m), -math.inf, out_s)
+    in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on_s)
+    in_s = np.where(np.isinf(on_s), -math.inf, in_s)
+    out_m, in_m = target.v_lo_mps * out_s, target.v_max_mps * in_s
+    return _table(out_s, in_s, out_m, in_m, np.full(len(chord), max(off_s, 0.0)), "time out of view")
 
 
 def _by_growth(
@@ -158,9 +174,12 @@ def _by_growth(
     chord = gaps.stretches.chord_m[gaps.entry_stretch]
     on = 0.0 if on_min_s is None else on_min_s
     in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on)
-    return _table(
-        allowed - arrival, in_s, radius - error, target.v_max_mps * in_s, allowed, "size of the ball"
-    )
+    spare_s = np.where(gaps.branches, -math.inf, allowed - arrival)
+    spare_m = np.where(gaps.branches, -math.inf, radius - error)
+    table = _table(spare_s, in_s, spare_m, target.v_max_mps * in_s, allowed, "size of the ball")
+    words = "unseen junction with several ways: the model knows one"
+    binding = [words if b else w for b, w in zip(gaps.branches.tolist(), table.binding, strict=True)]
+    return replace(table, binding=tuple(binding), horizon_s=np.where(gaps.branches, 0.0, allowed))
 
 
 def _meeting(gaps: RoadGaps, target: RoadTargetClass) -> tuple[Array, Array]:
@@ -191,8 +210,9 @@ def network_report(
 ) -> dict[str, object]:
     """Return the network's report as plain data for JSON; transitions between the same two cameras are joined.
 
-    Each joined transition carries the worst of its ways. ``uncertified`` lists transitions that no certificate holds
-    for, and exits from which the target may leave for good or stay unseen for ever.
+    Each joined transition carries the worst of its ways. ``uncertified`` lists transitions whose unseen ways exceed
+    what is allowed, and exits from which the target may stay unseen for ever. ``certificates`` are those of the
+    estimate; ``unseen`` sums up the transitions and says nothing of ways into the first view (``promise``).
     """
     joined = _join(gaps, tables)
     lost = _lost_exits(gaps, cameras)
@@ -202,8 +222,9 @@ def network_report(
         "target_class": f"road-bound, {target.v_lo_mps:g} to {target.v_max_mps:g} m/s",
         "certificates": {
             "published": _published(gaps, target, on_min_s),
-            **{name: _summary(table, lost) for name, table in tables.items()},
+            **{name: _summary(table, lost) for name, table in tables.items() if name != "unseen"},
         },
+        "unseen": _summary(tables["unseen"], lost),
         "transitions": transitions,
         "uncertified": unmet + lost,
         "constants": constants or {},
@@ -256,7 +277,7 @@ def _transition_entries(
     for i, (a, b) in enumerate(names):
         verdicts = {name: part[i] for name, part in parts.items()}
         entries.append({"from": a, "to": b, "gap_m": gap[i], "longest_m": _finite(longest[i]), **verdicts})
-        if all(v["verdict"] != "certified" for v in verdicts.values()):
+        if verdicts["unseen"]["verdict"] != "certified":
             unmet.append({"from": a, "to": b})
     return entries, unmet
 
@@ -309,7 +330,13 @@ def _lost_exits(gaps: RoadGaps, cameras: Sequence[str]) -> list[dict[str, object
 def _summary(table: TransitionTable, lost: Sequence[dict[str, object]]) -> dict[str, object]:
     total, good = len(table.certified), int(table.certified.sum())
     whole = good == total and not lost
-    reason = f"{good} of {total} ways between views are certified"
+    reason = (
+        f"{good} of {total} ways between views are certified" if total else "no way leads from view to view"
+    )
+    for words in sorted({b for b, ok in zip(table.binding, table.certified.tolist(), strict=True) if not ok})[
+        :1
+    ]:
+        reason += f"; the others lack: {words}"
     if lost:
         reason += f"; from {len(lost)} cameras the target may stay unseen"
     return {"verdict": "certified" if whole else "not certified", "reason": reason}

@@ -34,7 +34,8 @@ class SeenArcs:
     successor_ptr, successor : (A + 1,), (T,) arcs that may follow arc a: ``successor[ptr[a]:ptr[a + 1]]``
     arc, start, end : (U,) seen stretches, disjoint, sorted by arc and start
     first, last : (U,) camera that sees the beginning and the end of each
-    entries : (A,) arcs on which a target may begin, or appear at their start
+    entries : (A,) arcs on which a target may begin
+    anywhere : whether it may begin anywhere on them, or at their starts only
     """
 
     length: Array
@@ -46,6 +47,7 @@ class SeenArcs:
     first: IntArray
     last: IntArray
     entries: BoolArray
+    anywhere: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +102,12 @@ def longest_unseen(x: SeenArcs) -> UnseenWays:
             continue
         if k + 1 < int(ptr[a + 1]):
             gap = float(x.start[k + 1] - x.end[k])
-            best = max(best, (gap, "between views", int(x.last[k]), int(x.first[k + 1])))
-            continue
-        best = max(best, _onward(x, a, k, ahead, goal))
+            found = (gap, "between views", int(x.last[k]), int(x.first[k + 1]))
+        else:
+            found = _onward(x, a, k, ahead, goal)
+        best = max(best, found)
+        if x.anywhere and x.entries[a] and found[3] >= 0:
+            into = max(into, (found[0], "into the first view", -1, found[3]))
     for a in np.flatnonzero(x.entries & reach).tolist():
         kind = "into the first view" if goal[a] >= 0 else "never seen"
         entry = (float(ahead[a]), kind, -1, int(goal[a]))

@@ -96,7 +96,7 @@ def theorem_31(gap_m: float, v_max_mps: float, on_min_s: float | None, extent_m:
         f"the predicted position is {gap_m:.3g} m outside the next field of view and moves at most "
         f"{v_max_mps:.3g} m/s, while the ball that must fit inside grows at {2.0 * v_max_mps:.3g} m/s "
         f"from a radius of {'at least ' if on_min_s is None else ''}{least:.3g} m: "
-        f"at every time it reaches at least {gap_m + least:.3g} m outside, whatever the network's geometry"
+        f"at every time it reaches at least {gap_m + least:.3g} m outside; disjoint views cannot meet the theorem"
     )
     beta = least if on_min_s is not None else math.inf
     shortfall = gap_m + beta  # min over tau of (2 v tau + beta) - (v tau - gap), at tau = 0

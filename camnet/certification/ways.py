@@ -24,7 +24,7 @@ from camnet.certification.sight_lines import Solids, seen_by, seen_pairs
 from camnet.certification.unseen import SeenArcs
 from camnet.types import Array, BoolArray, IntArray
 
-__all__ = ["Ways", "cover_ways", "seen_arcs", "straight_ways"]
+__all__ = ["Ways", "cover_ways", "join_coverage", "seen_arcs", "straight_ways"]
 
 #: distance between samples along an arc, m; a view or a shadow shorter than this may be passed over
 STEP_M = 0.1
@@ -45,6 +45,7 @@ class Ways:
     roads : arcs and turns
     sample_ptr : (A + 1,) samples of arc a are ``ptr[a]:ptr[a + 1]``
     entries : (A,) arcs on which a target may begin
+    anywhere : whether it may begin anywhere on them, or at their starts only
     """
 
     roads: RoadArcs
@@ -55,6 +56,7 @@ class Ways:
     time_s: Array
     entries: BoolArray
     half_width_m: float = 0.0
+    anywhere: bool = True
 
     def pose(self, arc: IntArray, at_m: Array) -> tuple[Array, Array]:
         """Return places (k, 2) and headings (k,) on arcs (k,) at arc lengths (k,), m."""
@@ -133,6 +135,18 @@ def cover_ways(ways: Ways, views: Views, solids: Solids, features: Array) -> Cov
     return Coverage(arc[order], camera[order], low[order], high[order], nothing, 0.5 * (low + high)[order])
 
 
+def join_coverage(a: Coverage, b: Coverage, first: int) -> Coverage:
+    """Return both, sorted; the cameras of ``b`` are numbered from ``first`` on."""
+    arc, start = np.concatenate([a.arc, b.arc]), np.concatenate([a.start_m, b.start_m])
+    order = np.lexsort((start, arc))
+    camera = np.concatenate([a.camera, b.camera + first])[order]
+    end, depth, at = (
+        np.concatenate([getattr(a, name), getattr(b, name)])[order]
+        for name in ("end_m", "depth_m", "deepest_m")
+    )
+    return Coverage(arc[order], camera, start[order], end, depth, at)
+
+
 def seen_arcs(ways: Ways, coverage: Coverage, first: IntArray, last: IntArray, in_time: bool) -> SeenArcs:
     """Return merged stretches (``coverage``) of the ways for ``longest_unseen``, in seconds if ``in_time``.
 
@@ -146,7 +160,16 @@ def seen_arcs(ways: Ways, coverage: Coverage, first: IntArray, last: IntArray, i
     else:
         start, end, length = coverage.start_m, coverage.end_m, roads.length_m
     return SeenArcs(
-        length, roads.successor_ptr, roads.successor, coverage.arc, start, end, first, last, ways.entries
+        length,
+        roads.successor_ptr,
+        roads.successor,
+        coverage.arc,
+        start,
+        end,
+        first,
+        last,
+        ways.entries,
+        ways.anywhere,
     )
 
 

@@ -8,17 +8,23 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import non_negative, numbers
+from camnet.cli.certify_print import print_certificate
 from camnet.cli.common import add_common, overrides, positive, progress_bar, say, warn
 from camnet.cli.output import output_folder, print_json, write_json
 
-__all__ = ["add_parser", "add_target_class", "learned_model", "read_tracks"]
+__all__ = ["CLAIMS", "add_parser", "add_target_class", "claimed", "learned_model", "read_tracks"]
 
 _DESCRIPTION = """Certify a network before it is built.
 
-published  the conditions of harris2020 to the letter; Theorem 3.1, which would certify a layout of fixed cameras as a
-           whole, cannot be met by views that do not overlap, and the report says so and why
-sound      the same argument with its errors repaired; every inequality holds under the stated assumptions
-learned    error growth along the learned motion model, sharp enough to design with (--learn or --model)
+The promise comes first: which targets, how many at once, how far and how long out of view at most, from entering the
+site to leaving it. Two claims stand apart:
+
+unseen     no target of the class is out of view for longer than allowed (--off-max, --unseen-max-m, or the world's)
+estimate   the estimate of a target survives that, by three certificates:
+  published  the conditions of harris2020 to the letter; Theorem 3.1, which would certify a layout of fixed cameras as
+             a whole, cannot be met by views that do not overlap, and the report says so and why
+  sound      the same argument with its errors repaired; every inequality holds under the stated assumptions
+  learned    error growth along the learned motion model, sharp enough to design with (--learn or --model)
 
 Three kinds of input:
   camnet certify quickstart                              a world: fixed or mobile cameras
@@ -27,7 +33,30 @@ Three kinds of input:
   camnet certify --cameras DIR_OF_KRTD --tracks people.csv
   camnet certify --roads NET.xml --cameras CAMERAS.csv   cameras over a city's roads (CSV name,x,y or SUMO detectors)
 
-With --out: certificate.json, map.png, report.html and, after --learn, model.npz."""
+With --out: certificate.json, map.png, report.html and, after --learn, model.npz.
+Exit status: 0 every claim of --require is certified, 1 one is not, 2 bad input."""
+
+#: claims that --require may name
+CLAIMS = ("unseen", "published", "sound", "learned")
+#: options by the inputs that use them; elsewhere they are refused by name
+_USED_BY = {
+    "learn": ("world",),
+    "model": ("world",),
+    "overrides": ("world",),
+    "duration": ("world",),
+    "seed": ("world",),
+    "targets": ("world",),
+    "tracks": ("site",),
+    "fix_error": ("site",),
+    "origin": ("site",),
+    "image": ("site",),
+    "range": ("site",),
+    "footprint": ("roads",),
+    "v_lo": ("world", "roads"),
+    "unseen_max_m": ("world", "roads"),
+    "on_min": ("world", "roads"),
+}
+_INPUTS = {"world": "a world file", "site": "--cameras DIR_OF_KRTD", "roads": "--roads NET"}
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -46,6 +75,13 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     parser.add_argument(
         "--duration", type=positive, metavar="S", help="length of the run that --learn simulates, s"
+    )
+    parser.add_argument(
+        "--require",
+        type=_claims,
+        default=("unseen",),
+        metavar="CLAIMS",
+        help="claims that decide the exit status, of " + ", ".join(CLAIMS) + " (default: unseen)",
     )
     add_common(parser)
     model = parser.add_argument_group("learned motion model")
@@ -66,15 +102,41 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         help="bound of a recorded fix's error, m (default: calibrated by the earliest quarter of the fixes)",
     )
     site.add_argument("--origin", metavar="LAT,LON,ALT", help="local frame of the tracks, degrees and m")
-    site.add_argument("--image", metavar="WxH", default="1920x1080", help="size of the cameras' images, px")
+    site.add_argument("--image", metavar="WxH", help="size of the cameras' images, px (default: 1920x1080)")
     site.add_argument(
-        "--range", type=positive, default=80.0, metavar="M", help="cap of the cameras' range, m"
+        "--range", type=positive, metavar="M", help="cap of the cameras' range, m (default: 80)"
     )
     site.add_argument(
-        "--footprint", type=positive, default=30.0, metavar="M", help="side of a road camera's view, m"
+        "--footprint", type=positive, metavar="M", help="side of a road camera's view, m (default: 30)"
+    )
+    promise = parser.add_argument_group("the promise")
+    promise.add_argument(
+        "--targets",
+        type=_count,
+        metavar="N",
+        help="targets at the same time (default: as many as the world has)",
+    )
+    promise.add_argument(
+        "--unseen-max-m", type=positive, metavar="M", help="longest way out of view allowed, m"
     )
     add_target_class(parser)
     parser.set_defaults(run=run)
+
+
+def _claims(text: str) -> tuple[str, ...]:
+    """Parse a list of claims, for argparse."""
+    names = tuple(part.strip() for part in text.split(","))
+    wrong = [name for name in names if name not in CLAIMS]
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{wrong[0]!r} is no claim: give some of {', '.join(CLAIMS)}")
+    return names
+
+
+def _count(text: str) -> int:
+    """Parse a whole number >= 1, for argparse."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of at least 1 was expected")
+    return int(text)
 
 
 def add_target_class(parser: argparse.ArgumentParser) -> None:
@@ -98,6 +160,7 @@ def run(args: argparse.Namespace) -> int:
     from camnet.experiments.learned_model import save_models
     from camnet.report.certificate import write_certificate
 
+    _refuse_unused(args)
     with output_folder(args, "certify") as output:
         certified, model = _certify(args)
         content = _content(args, certified)
@@ -112,24 +175,48 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(content)
     else:
-        _print(content)
-    return 0
+        print_certificate(content)
+    return 0 if content["required"]["reached"] else 1
 
 
 def _content(args: argparse.Namespace, certified: Any) -> dict[str, Any]:  # noqa: ANN401 - imported late
-    """Return the report, with what stands in the place of a certificate that was not asked for; print warnings."""
-    content: dict[str, Any] = {**certified.report, "version": __version__}
-    content["certificates"].setdefault(
-        "learned",
-        {
-            "verdict": "not certified",
-            "reason": "no motion model was given: add "
-            + ("--model-error" if args.config is None else "--learn, --model or --model-error"),
-        },
-    )
+    """Return the report with what was required of it; print warnings."""
+    verdicts = claimed(certified.report)
+    missed = [name for name in args.require if verdicts[name] != "certified"]
+    required = {"claims": list(args.require), "missed": missed, "reached": not missed}
+    content: dict[str, Any] = {**certified.report, "required": required, "version": __version__}
     for words in content.get("warnings", []):
         warn(words)
     return content
+
+
+def claimed(report: dict[str, Any]) -> dict[str, str]:
+    """Return the verdict of every claim of a report."""
+    claims = report["claims"]
+    estimate = {name: str(part["verdict"]) for name, part in claims["estimate"].items()}
+    return {"unseen": str(claims["unseen"]["verdict"]), **estimate}
+
+
+def _refuse_unused(args: argparse.Namespace) -> None:
+    """Refuse options that the kind of input does not use."""
+    from camnet.errors import ConfigError
+
+    kind = "world" if args.config is not None else ("roads" if args.roads is not None else "site")
+    for name, kinds in _USED_BY.items():
+        value = getattr(args, name)
+        if value not in (None, False, []) and kind not in kinds:
+            option = "--set" if name == "overrides" else "--" + name.replace("_", "-")
+            where = " and ".join(_INPUTS[k] for k in kinds)
+            raise ConfigError(f"{option} {value}: applies to {where}, not to {_INPUTS[kind]}; leave it out")
+    if args.duration is not None and not args.learn:
+        raise ConfigError(f"--duration {args.duration:g}: is the length of the run of --learn; add --learn")
+    if args.learn and args.model is not None:
+        raise ConfigError(f"--learn and --model {args.model}: learn a model or give one, not both")
+    if kind == "site" and args.tracks is None:
+        for name in ("fix_error", "origin"):
+            if getattr(args, name) is not None:
+                option = "--" + name.replace("_", "-")
+                raise ConfigError(f"{option} {getattr(args, name)}: is about recorded tracks; add --tracks")
 
 
 def _certify(args: argparse.Namespace) -> tuple[Any, Any]:
@@ -145,15 +232,45 @@ def _certify(args: argparse.Namespace) -> tuple[Any, Any]:
 
 
 def _world(args: argparse.Namespace) -> tuple[Any, Any]:
+    from camnet.errors import ConfigError
     from camnet.experiments.certify_world import certify_world
+    from camnet.experiments.restate import restate_class
+    from camnet.motion.settings import RoadTarget
 
-    scenario = world_of(args)
+    scenario = restate_class(world_of(args), v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
+    roads = any(isinstance(t.motion, RoadTarget) for t in scenario.targets)
+    if args.model_error is not None and not (roads or args.learn or args.model):
+        raise ConfigError(
+            f"--model-error {args.model_error:g}: is the error of a motion model; add --learn or --model FILE"
+        )
     if args.initial_error is not None:
         certificate = scenario.certificate.model_copy(update={"initial_error_m": args.initial_error})
         scenario = scenario.model_copy(update={"certificate": certificate})
     model = learned_model(args, scenario)
-    certified = certify_world(scenario, model, off_max_s=args.off_max, model_error_mps=args.model_error)
+    certified = _extent_named(
+        args,
+        certify_world,
+        scenario,
+        model,
+        off_max_s=args.off_max,
+        off_max_m=args.unseen_max_m,
+        on_min_s=args.on_min,
+        model_error_mps=args.model_error,
+        at_once=args.targets,
+    )
     return certified, model
+
+
+def _extent_named(args: argparse.Namespace, certify: Any, *given: Any, **asked: Any) -> Any:  # noqa: ANN401
+    """Certify; an error that a restated extent causes names the option."""
+    from camnet.errors import CertificateError
+
+    try:
+        return certify(*given, **asked)
+    except CertificateError as error:
+        if args.extent is None or "extent" not in str(error):
+            raise
+        raise CertificateError(f"--extent {args.extent:g}: {error}") from None
 
 
 def world_of(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
@@ -201,8 +318,8 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     certified, views, names, _ = certify_cameras(
         args.cameras,
         target,
-        image_px=_image(args.image),
-        range_m=args.range,
+        image_px=_image(args.image or "1920x1080"),
+        range_m=args.range or 80.0,
         e0_m=e0,
         growth=_growth(args, e0),
         off_max_s=args.off_max,
@@ -261,79 +378,12 @@ def _city(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         args.roads,
         args.cameras,
         target,
-        footprint_m=args.footprint,
-        off_max_s=args.off_max or 60.0,
+        footprint_m=args.footprint or 30.0,
+        off_max_s=args.off_max or (None if args.unseen_max_m else 60.0),
+        off_max_m=args.unseen_max_m,
+        limit_source="as asked for" if args.off_max or args.unseen_max_m else "default of --off-max",
         on_min_s=args.on_min or 0.0,
         growth=_growth(args, args.initial_error or 0.5),
     )
     certified.report["network"]["name"] = str(args.roads.name)
     return certified
-
-
-def _print(content: dict[str, Any]) -> None:
-    network = content["network"]
-    print(
-        f"{network.get('name', 'network')}: {network['cameras']} cameras, {network['regions']} operating regions"
-    )
-    print(f"targets: {content['target_class']}")
-    for name, certificate in content["certificates"].items():
-        print(f"\n{name}: {certificate['verdict']}\n  {certificate['reason']}")
-        if "dwell_times" in certificate and certificate["dwell_times"] != certificate["reason"]:
-            print(f"  dwell times of the estimator: {certificate['dwell_times']}")
-    _print_transitions(content["transitions"])
-    if "recorded" in content:
-        _print_recorded(content["recorded"])
-
-
-def _print_recorded(r: dict[str, Any]) -> None:
-    later, rides = r["held_out"], r["rides"]
-    print(
-        f"\nrecorded people: {r['people']} with {r['fixes']} fixes, {r['faster_than_v_max']} steps between them are "
-        f"faster than {r['v_max_mps']:g} m/s\n"
-        f"  error of a fix: at most {r['fix_error_m']:.3g} m ({r['fix_error_source']})\n"
-        f"  out of their reachable set: {later['outside']} of {later['unseen']} unseen fixes"
-        f"{'' if r['fix_error_source'] == 'stated' else ' recorded later'}, {r['outside']} of all {r['unseen']}\n"
-        f"  nobody leaves from an error of {r['least_fix_error_m']:.4g} m on (exact fixes: v_max "
-        f"{r['least_v_max_mps']:.3g} m/s)\n"
-        f"  longest jump beyond v_max {r['longest_jump_m']:.0f} m; {rides['count']} stretches of three steps or more "
-        f"above {1.5 * r['v_max_mps']:g} m/s, median {rides['median_mps']:.1f}, most {rides['fastest_mps']:.1f} m/s\n"
-        "  error m  fixes outside  people outside"
-    )
-    for row in r["table"]:
-        print(f"  {row['fix_error_m']:7g}  {row['outside']:13d}  {row['people_outside']:14d}")
-
-
-_MOST_ROWS = 40
-
-
-def _print_transitions(transitions: list[dict[str, Any]]) -> None:
-    if not transitions:
-        print("\nno transition between two views was found")
-        return
-    print(
-        f"\n{'transition':32s} {'gap m':>8s}  {'sound':15s} {'learned':15s} {'margin m':>9s} {'trust s':>8s}  binding"
-    )
-    worst = sorted(transitions, key=_margin)
-    for t in worst[:_MOST_ROWS]:
-        best = t.get("learned", t.get("sound", {}))
-        print(
-            f"{t['from'] + ' > ' + str(t['to']):32.32s} {t['gap_m']:8.2f}  {_verdict(t, 'sound'):15s} "
-            f"{_verdict(t, 'learned'):15s} {_text(best.get('margin_m')):>9s} "
-            f"{_text(best.get('trust_horizon_s')):>8s}  {best.get('binding', '')}"
-        )
-    if len(transitions) > _MOST_ROWS:
-        print(f"... the worst {_MOST_ROWS} of {len(transitions)}; --json or --out give all")
-
-
-def _margin(transition: dict[str, Any]) -> float:
-    part = transition.get("learned", transition.get("sound", {}))
-    value = part.get("margin_m")
-    return -1e9 if value is None else float(value)
-
-
-def _text(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
-
-
-def _verdict(transition: dict[str, Any], name: str) -> str:
-    return str(transition.get(name, {}).get("verdict", "-"))

@@ -224,8 +224,13 @@ def _runs(path: Array, chosen: Array) -> list[Array]:
     return [path[a:b] for a, b in edges.reshape(-1, 2).tolist()]
 
 
-def flow_case(network: Network, model: LearnedModel, model_error_mps: float | None = None) -> FlowCase:
-    """Put together what the learned certificate of a world is about.
+def flow_case(
+    network: Network,
+    model: LearnedModel,
+    model_error_mps: float | None = None,
+    off_max_s: float | None = None,
+) -> FlowCase:
+    """Put together what the learned certificate of a world is about; ``off_max_s`` None: what the world allows.
 
     Raises
     ------
@@ -251,7 +256,7 @@ def flow_case(network: Network, model: LearnedModel, model_error_mps: float | No
         target,
         path[int(np.argmax(depth))],
         1.5 * _lap_s(model),
-        settings.off_max_s or network.scenario.estimator.gap.max_gap_s,
+        off_max_s or settings.off_max_s or network.scenario.estimator.gap.max_gap_s,
         0.2,
         max(0.1, 2.0 * settings.corridor_m),
         region_agents(network),

@@ -2,78 +2,188 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from camnet.certification.coverage import Coverage, cover_roads
+from camnet.certification.coverage import Coverage
+from camnet.certification.free_network import GroundView
 from camnet.certification.planar_shapes import cover_regions
-from camnet.certification.road_arcs import RoadArcs, arcs_from_roads
-from camnet.certification.site import certify_road_site, road_segments_with_verdict, views_of
+from camnet.certification.promise import with_claims
+from camnet.certification.road_gaps import RoadGaps, road_gaps
+from camnet.certification.site import certify_road_site, road_segments_with_verdict
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
+from camnet.certification.ways import Ways, cover_ways, join_coverage
 from camnet.experiments.certified import Certified, dwell_times
-from camnet.experiments.certify_flow import ground_of, solid_occluders
-from camnet.geometry.frustum import Frustum
-from camnet.motion.settings import RoadTarget
+from camnet.experiments.certify_flow import ground_of
+from camnet.experiments.promise_mobile import mobile_road_promise
+from camnet.experiments.promise_world import (
+    Limit,
+    Watched,
+    blind_of,
+    fixed_views,
+    promise_of,
+    solids_of,
+    target_features,
+    watch,
+    watch_fixed,
+)
+from camnet.experiments.published_world import published_on_ways
+from camnet.experiments.world_ways import drawn_ways, driven_ways, wander_m
+from camnet.motion.road import RoadMotion
 from camnet.report.certificate import MapLine
 from camnet.simulation.certificates import feature_extent, view_radius
 from camnet.simulation.network import Network
-from camnet.types import Array
+from camnet.types import Array, BoolArray
 
-__all__ = ["certify_on_roads", "road_coverage", "road_lines"]
+__all__ = ["RoadWorld", "certify_on_roads", "road_lines", "road_world"]
+
+#: places of a stretch at which the room in its view is measured
+_PLACES = 33
 
 
-def certify_on_roads(network: Network, motion: RoadTarget, model_error_mps: float | None) -> Certified:
-    """Certify a network on its own roads; views of mobile cameras are their regions."""
-    scenario = network.scenario
-    target = RoadTargetClass(*motion.speed_mps, feature_extent(network) + 2.0 * motion.lateral_std_m)
-    roads = arcs_from_roads(
-        [np.array(r.points_m, dtype=float) for r in scenario.roads], [r.closed for r in scenario.roads]
-    )
+@dataclass(frozen=True, eq=False)
+class RoadWorld:
+    """What the certificate of road-bound targets is about, shared by certifier and falsifier.
+
+    Attributes
+    ----------
+    network : with one of the targets
+    motions : of all targets of the class
+    target : the class
+    ground : views and regions on the ground
+    watched : the roads as drawn, with what is seen of them
+    gaps : transitions that a target can take
+    """
+
+    network: Network
+    motions: Sequence[RoadMotion]
+    target: RoadTargetClass
+    ground: list[GroundView]
+    watched: Watched
+    gaps: RoadGaps
+
+
+def road_world(network: Network, motions: Sequence[RoadMotion]) -> RoadWorld:
+    """Watch the roads of a world; agents see their whole regions here, which the promise does not take for granted."""
+    slow, fast = motions[0].speed_mps
+    target = RoadTargetClass(slow, fast, feature_extent(network) + wander_m(motions[0].lateral_std_m))
+    ground = ground_of(network)
+    ways = drawn_ways(network, motions, slow)
+    watched = watch(ways, _coverage(network, ways, ground, target.extent_m))
+    coverage = _only(watched.coverage, watched.in_m.reachable)
+    watched = Watched(ways, coverage, watched.stretches, watched.in_m, watched.in_s)
+    return RoadWorld(network, motions, target, ground, watched, road_gaps(ways.roads, coverage))
+
+
+def certify_on_roads(
+    network: Network,
+    motions: Sequence[RoadMotion],
+    names: Sequence[str],
+    model_error_mps: float | None,
+    limit: Limit,
+    *,
+    on_min_s: float | None = None,
+    at_once: int,
+) -> Certified:
+    """Certify a network on its own roads for targets ``names`` of one class, ``at_once`` of them at the same time."""
+    case = road_world(network, motions)
     off, on, source = dwell_times(network)
     growth = None
     if model_error_mps is not None:
-        e0 = scenario.certificate.initial_error_m
+        e0 = network.scenario.certificate.initial_error_m
         growth = GrowthModel(0.05 if e0 is None else e0, model_error_mps)
-    ground = ground_of(network)
     report, gaps, tables = certify_road_site(
-        roads,
+        case.watched.ways.roads,
         None,
-        [g.name for g in ground],
-        target,
+        [g.name for g in case.ground],
+        case.target,
         height_m=0.0,
-        off_max_s=off,
-        on_min_s=on,
+        off_max_s=limit.off_s,
+        off_max_m=limit.off_m,
+        on_min_s=on_min_s,
         growth=growth,
-        coverage=road_coverage(network, roads, target.extent_m),
-        constants={"off_max_s": off, "on_min_s": on, "dwell_source": source},
+        coverage=case.watched.coverage,
+        dwell=(off, on),
+        constants={
+            "off_max_s": limit.off_s,
+            "off_max_m": limit.off_m,
+            "on_min_s": on_min_s or 0.0,
+            "limit_source": limit.source,
+            "dwell_off_max_s": off,
+            "dwell_on_min_s": on,
+            "dwell_source": source,
+            "extent_m": case.target.extent_m,
+        },
     )
-    outlines = [ring for g in ground for ring in g.rings]
-    pieces = road_segments_with_verdict(roads, gaps, tables["learned" if growth else "sound"])
-    return Certified(report, outlines, road_lines(pieces))
+    if off is None:
+        report["certificates"]["sound"] |= {"verdict": "unsatisfiable"}  # type: ignore[index]
+    target_class = f"road-bound, {case.target.v_lo_mps:g} to {case.target.v_max_mps:g} m/s"
+    if network.n_agents > 0:
+        promise = mobile_road_promise(case, tables, limit, names, at_once=at_once, target_class=target_class)
+    else:
+        report["certificates"]["published"] = published_on_ways(network, case.watched, case.ground)  # type: ignore[index]
+        forms = [case.watched, watch_fixed(network, driven_ways(motions, case.target.v_lo_mps))]
+        promise = promise_of(
+            forms,
+            [g.name for g in case.ground],
+            target_class=target_class,
+            targets=names,
+            limit=limit,
+            at_once=at_once,
+            span="from where it begins on its road, for ever",
+            blind=blind_of(network, case.watched),
+        )
+    outlines = [ring for g in case.ground for ring in g.rings]
+    pieces = road_segments_with_verdict(case.watched.ways.roads, gaps, tables["unseen"])
+    return Certified(with_claims(report, promise), outlines, road_lines(pieces), promise)
 
 
 def road_lines(pieces: dict[str, list[Array]]) -> list[MapLine]:
     """Return the lines of a road map."""
     verdicts = {"seen": "seen", "certified": "certified", "uncertified": "not certified"}
-    return [MapLine(line, verdicts[k], verdicts[k]) for k, lines in pieces.items() for line in lines]
+    words = {
+        "seen": "in view",
+        "certified": "unseen, within what is allowed",
+        "uncertified": "unseen for too long",
+    }
+    return [MapLine(line, verdicts[k], words[k]) for k, lines in pieces.items() for line in lines]
 
 
-def road_coverage(network: Network, roads: RoadArcs, extent_m: float) -> Coverage:
-    """Return what each camera sees of the roads: agents their regions, fixed cameras their views without shadows."""
+def _coverage(network: Network, ways: Ways, ground: Sequence[GroundView], extent_m: float) -> Coverage:
+    """Return what each camera sees of the ways: agents their regions, fixed cameras what the simulator shows them."""
     agents = range(network.n_agents)
     outlines = [network.regions[j].footprint() for j in agents]
-    part = cover_regions(roads, outlines, extent_m, [view_radius(network, j) for j in agents])
-    specs = network.description.cameras
-    if not specs:
+    part = cover_regions(ways.roads, outlines, extent_m, [view_radius(network, j) for j in agents])
+    views, _ = fixed_views(network)
+    if views is None:
         return part
-    frusta = [Frustum.from_camera(c.camera).in_world(c.p_world, c.q_world) for c in specs]
-    views = views_of(frusta, np.array([c.p_world for c in specs]))
-    seen = cover_roads(roads, views, 0.0, extent_m, solid_occluders(network))
-    arc = np.concatenate([part.arc, seen.arc])
-    start = np.concatenate([part.start_m, seen.start_m])
-    order = np.lexsort((start, arc))
-    camera = np.concatenate([part.camera, seen.camera + network.n_agents])
-    others = (
-        np.concatenate([getattr(part, name), getattr(seen, name)])[order]
-        for name in ("end_m", "depth_m", "deepest_m")
+    seen = cover_ways(ways, views, solids_of(network), target_features(network))
+    return join_coverage(part, _with_room(seen, ways, ground[network.n_agents :]), network.n_agents)
+
+
+def _with_room(coverage: Coverage, ways: Ways, ground: Sequence[GroundView]) -> Coverage:
+    """Measure the largest disc that fits each stretch's view."""
+    shares = np.linspace(0.0, 1.0, _PLACES)
+    depth, deepest = np.zeros(len(coverage.arc)), coverage.deepest_m.copy()
+    for k, camera in enumerate(coverage.camera.tolist()):
+        at = coverage.start_m[k] + shares * (coverage.end_m[k] - coverage.start_m[k])
+        places, _ = ways.pose(np.full(_PLACES, coverage.arc[k]), at)
+        room = ground[camera].view.depth(places)
+        best = int(np.argmax(room))
+        depth[k], deepest[k] = max(float(room[best]), 0.0), at[best]
+    return Coverage(coverage.arc, coverage.camera, coverage.start_m, coverage.end_m, depth, deepest)
+
+
+def _only(coverage: Coverage, reachable: BoolArray) -> Coverage:
+    """Return the stretches of arcs that a target can reach."""
+    keep = reachable[coverage.arc]
+    return Coverage(
+        coverage.arc[keep],
+        coverage.camera[keep],
+        coverage.start_m[keep],
+        coverage.end_m[keep],
+        coverage.depth_m[keep],
+        coverage.deepest_m[keep],
     )
-    return Coverage(arc[order], camera[order], start[order], *others)

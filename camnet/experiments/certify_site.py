@@ -12,6 +12,7 @@ import numpy as np
 from camnet.certification.benchmark import nadir_views
 from camnet.certification.coverage import Views
 from camnet.certification.free_network import FreeTargetClass, ground_views
+from camnet.certification.promise import with_claims
 from camnet.certification.road_arcs import RoadArcs, arcs_from_polylines
 from camnet.certification.site import (
     certify_open_site,
@@ -23,7 +24,8 @@ from camnet.certification.transitions import GrowthModel, RoadTargetClass
 from camnet.errors import ConfigError, WorldError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_road_world import road_lines
-from camnet.experiments.certify_world import free_lines
+from camnet.experiments.certify_world import free_lines, free_promise
+from camnet.experiments.promise_world import Limit
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.settings import CameraModel, Intrinsics
@@ -131,7 +133,10 @@ def certify_cameras(
     report["warnings"] = warnings
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [ring for g in ground for ring in g.rings]
-    return Certified(report, outlines, free_lines(report, ground)), views, names, warnings
+    limit = Limit(None, off_max_s, "as asked for")
+    promise = free_promise(report["target_class"], (), len(names), limit, None)
+    lines = free_lines(report, ground)
+    return Certified(with_claims(report, promise), outlines, lines, promise), views, names, warnings
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +180,10 @@ def certify_road_cameras(
     target: RoadTargetClass,
     *,
     footprint_m: float,
-    off_max_s: float,
+    off_max_s: float | None,
     on_min_s: float,
+    off_max_m: float | None = None,
+    limit_source: str = "stated",
     height_m: float = 0.5,
     growth: GrowthModel | None = None,
     search_m: float = float("inf"),
@@ -195,15 +202,20 @@ def certify_road_cameras(
         on_min_s=on_min_s,
         growth=growth,
         search_m=search_m,
+        off_max_m=off_max_m,
+        limit_source=limit_source,
         constants={
             "off_max_s": off_max_s,
+            "off_max_m": off_max_m,
             "on_min_s": on_min_s,
             "footprint_m": footprint_m,
-            "dwell_source": "stated",
+            "limit_source": limit_source,
         },
     )
+    blind = report["promise"]["blind_cameras"]  # type: ignore[index]
+    report["warnings"] = [f"camera {c['name']} sees no road: {c['reason']}" for c in blind]
     report["network"] |= {"roads_km": float(site.roads.length_m.sum() / 1000.0), "arcs": site.roads.n_arcs}  # type: ignore[operator]
-    pieces = road_segments_with_verdict(site.roads, gaps, tables["learned" if growth else "sound"])
+    pieces = road_segments_with_verdict(site.roads, gaps, tables["unseen"])
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [ring for g in ground for ring in g.rings]
     return Certified(report, outlines, road_lines(pieces))

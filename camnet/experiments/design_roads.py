@@ -181,7 +181,7 @@ def _check(
     report, gaps, tables = certify_road_site(
         site.roads, views, names, target, height_m=height_m, off_max_s=off_max_s, on_min_s=0.0
     )
-    table = tables["sound"]
+    table = tables["unseen"]
     good = bool(table.certified.all() and not gaps.cyclic.any())
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [ring for g in ground for ring in g.rings]

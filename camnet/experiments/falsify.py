@@ -1,9 +1,9 @@
 """Try to break the certificates of a world by adversarial simulation.
 
-| target of the world | ``learned`` | ``sound`` |
-| --- | --- | --- |
-| ``vector_field`` | hostile targets against the tubes (``falsify_flow``) | error growth within the dwell time |
-| ``road`` | predictions with the worst speed error | hostile drivers (``falsify_road``) |
+| target of the world | ``unseen`` | ``sound`` | ``learned`` |
+| --- | --- | --- | --- |
+| ``vector_field`` | | error growth within the dwell time | hostile targets against the tubes (``falsify_flow``) |
+| ``road`` | hostile drivers (``falsify_road``) | | predictions with the worst speed error |
 
 Real estimator: the gaps of the run in which the model was learned, from the second lap on, are checked too.
 """
@@ -11,26 +11,24 @@ Real estimator: the gaps of the run in which the model was learned, from the sec
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from camnet.certification.growth import error_tube
-from camnet.certification.road_arcs import arcs_from_roads
-from camnet.certification.road_gaps import road_gaps
-from camnet.certification.transitions import GrowthModel, RoadTargetClass
+from camnet.certification.transitions import GrowthModel
 from camnet.config.models import Scenario
 from camnet.errors import CertificateError
 from camnet.experiments.certified import lyapunov_off
 from camnet.experiments.certify_flow import FlowCase, flow_case
-from camnet.experiments.certify_road_world import road_coverage
+from camnet.experiments.certify_road_world import road_world
 from camnet.experiments.falsify_flow import Attack, attack_flow
 from camnet.experiments.falsify_road import RoadCase, attack_roads
 from camnet.experiments.learned_model import LearnedModel
 from camnet.experiments.target_groups import Models, TargetGroup, target_groups
-from camnet.motion.settings import RoadTarget
-from camnet.simulation.certificates import feature_extent, network_certificates
+from camnet.motion.road import RoadMotion
+from camnet.simulation.certificates import network_certificates
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array
 
@@ -61,11 +59,12 @@ def falsify_world(
     results = {}
     for k, group in enumerate(groups):
         share = trials // len(groups) + (k < trials % len(groups))
-        results[group.name] = _attack_class(group, share, rng, model_error_mps, progress)
+        results[group.name] = _attack_class(scenario, group, share, rng, model_error_mps, progress)
     return next(iter(results.values())) if len(groups) == 1 else _joined(results)
 
 
 def _attack_class(
+    scenario: Scenario,
     group: TargetGroup,
     trials: int,
     rng: np.random.Generator,
@@ -73,10 +72,14 @@ def _attack_class(
     progress: Progress | None,
 ) -> dict[str, Any]:
     network = build_network(group.scenario)
-    motion = group.scenario.targets[0].motion
-    if isinstance(motion, RoadTarget):
-        sound, learned = attack_roads(_road_case(network, motion, model_error_mps), trials, rng, progress)
-        return _result(trials, sound, learned if model_error_mps is not None else None, {})
+    everybody = build_network(scenario).description.targets
+    moving = [t.motion for t in everybody if t.name in group.members]
+    motions = [motion for motion in moving if isinstance(motion, RoadMotion)]
+    if motions:
+        roads = _road_case(network, motions, model_error_mps)
+        unseen, learned = attack_roads(roads, trials, rng, progress)
+        known = learned if model_error_mps is not None and learned.trials > 0 else None
+        return _result(trials, {"unseen": unseen, "sound": None, "learned": known}, {})
     if group.model is None:
         raise CertificateError(
             f"world {group.scenario.name!r}: the certificate of target {group.name!r} rests on a learned model; add "
@@ -84,19 +87,21 @@ def _attack_class(
         )
     case = flow_case(network, group.model, model_error_mps)
     learned = attack_flow(case, trials, rng, progress)
+    parts = {"sound": _attack_dwell(network, trials, rng), "learned": learned}
     extra = {"exits": learned.by_exit, "estimator": check_gaps(case, group.model)}
-    return _result(trials, _attack_dwell(network, trials, rng), learned, extra)
+    return _result(trials, parts, extra)
 
 
 def _joined(results: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Add up the attacks on several targets; the closest approach is that of any."""
     closest = {}
-    for name in ("sound", "learned"):
-        known = [r["closest_fraction"][name] for r in results.values()]
+    names = list(dict.fromkeys(name for r in results.values() for name in r["violations"]))
+    for name in names:
+        known = [r["closest_fraction"].get(name) for r in results.values()]
         closest[name] = max((x for x in known if x is not None), default=None)
     return {
         "trials": sum(r["trials"] for r in results.values()),
-        "violations": {n: sum(r["violations"][n] for r in results.values()) for n in ("sound", "learned")},
+        "violations": {n: sum(r["violations"].get(n, 0) for r in results.values()) for n in names},
         "closest_fraction": closest,
         "lost": sum(r["lost"] for r in results.values()),
         "exits": [{**e, "target": n} for n, r in results.items() for e in r.get("exits", [])],
@@ -104,27 +109,22 @@ def _joined(results: dict[str, dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _result(
-    trials: int, sound: Attack | None, learned: Attack | None, extra: dict[str, Any]
-) -> dict[str, Any]:
-    both = {"sound": sound, "learned": learned}
+def _result(trials: int, parts: dict[str, Attack | None], extra: dict[str, Any]) -> dict[str, Any]:
+    learned = parts.get("learned")
     return {
         "trials": trials,
-        "violations": {k: 0 if a is None else a.violations for k, a in both.items()},
-        "closest_fraction": {k: None if a is None else a.closest for k, a in both.items()},
+        "violations": {k: 0 if a is None else a.violations for k, a in parts.items()},
+        "closest_fraction": {k: None if a is None else a.closest for k, a in parts.items()},
         "lost": 0 if learned is None else learned.lost,
         **extra,
     }
 
 
-def _road_case(network: Network, motion: RoadTarget, model_error_mps: float | None) -> RoadCase:
-    target = RoadTargetClass(*motion.speed_mps, feature_extent(network) + 2.0 * motion.lateral_std_m)
-    lines = network.scenario.roads
-    roads = arcs_from_roads([np.array(r.points_m, dtype=float) for r in lines], [r.closed for r in lines])
-    gaps = road_gaps(roads, road_coverage(network, roads, target.extent_m))
+def _road_case(network: Network, motions: Sequence[RoadMotion], model_error_mps: float | None) -> RoadCase:
+    case = road_world(network, motions)
     e0 = network.scenario.certificate.initial_error_m
     growth = None if model_error_mps is None else GrowthModel(0.05 if e0 is None else e0, model_error_mps)
-    return RoadCase(roads, gaps, target, growth)
+    return RoadCase(case.watched.ways.roads, case.gaps, case.target, growth)
 
 
 def _attack_dwell(network: Network, trials: int, rng: np.random.Generator) -> Attack | None:

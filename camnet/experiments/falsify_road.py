@@ -1,9 +1,9 @@
 """Hostile targets of the road-bound class: they turn where the unseen way is longest and drive as slowly as they may.
 
 The walk along the roads is a route of its own: it shares neither search nor sums with the certifier. Every trial leaves
-one view and drives until another sees it. Claims that it can break: the transition is listed; its length is between the
-shortest and the longest way; it is over after l_max / v_lo at the latest; for ``learned``, a prediction whose speed is
-wrong by at most e_v stays within the error's bound.
+one view and drives until another sees it. Claims of ``unseen`` that it can break: the transition is listed; its length
+is between the shortest and the longest way; it is over after l_max / v_lo at the latest. ``learned`` claims nothing
+across unseen junctions; elsewhere a prediction whose speed is wrong by at most e_v stays within the error's bound.
 """
 
 from __future__ import annotations
@@ -39,27 +39,28 @@ class RoadCase:
 
 @dataclass(frozen=True, slots=True)
 class _Claims:
-    """By exit: the longest way; by (exit, entry): shortest and longest way, m."""
+    """By exit: the longest way; by (exit, entry): shortest and longest way, m, and those with an unseen junction."""
 
     longest: dict[int, float]
     pairs: dict[tuple[int, int], tuple[float, float]]
+    branching: set[tuple[int, int]]
     first: dict[int, list[int]]
 
 
 def attack_roads(
     case: RoadCase, trials: int, rng: np.random.Generator, progress: Callable[[float], None] | None = None
 ) -> tuple[Attack, Attack]:
-    """Attack every exit that is certain to be seen again; return what ``sound`` and ``learned`` suffered."""
+    """Attack every exit that is certain to be seen again; return what ``unseen`` and ``learned`` suffered."""
     claims = _claims(case)
     open_ended = set(case.gaps.exits[case.gaps.cyclic | case.gaps.cut].tolist())
     exits = sorted(set(claims.longest) - open_ended)
-    sound, learned = Attack(), Attack()
+    unseen, learned = Attack(), Attack()
     for k, leave in enumerate(exits):
         share = trials // len(exits) + (k < trials % len(exits))
-        _attack_exit(case, claims, leave, share, rng, sound, learned)
+        _attack_exit(case, claims, leave, share, rng, unseen, learned)
         if progress is not None:
             progress((k + 1) / len(exits))
-    return sound, learned
+    return unseen, learned
 
 
 def _claims(case: RoadCase) -> _Claims:
@@ -78,7 +79,8 @@ def _claims(case: RoadCase) -> _Claims:
     first: dict[int, list[int]] = {}
     for k, arc in enumerate(gaps.stretches.arc.tolist()):
         first.setdefault(arc, []).append(k)
-    return _Claims(longest, pairs, first)
+    ends = zip(gaps.exit_stretch.tolist(), gaps.entry_stretch.tolist(), gaps.branches.tolist(), strict=True)
+    return _Claims(longest, pairs, {(a, b) for a, b, several in ends if several}, first)
 
 
 def _attack_exit(
@@ -87,7 +89,7 @@ def _attack_exit(
     leave: int,
     trials: int,
     rng: np.random.Generator,
-    sound: Attack,
+    unseen: Attack,
     learned: Attack,
 ) -> None:
     n_random, n_bang = round(_RANDOM * trials), round(_BANG * trials)
@@ -97,7 +99,7 @@ def _attack_exit(
             plan[_TURNS:] = (
                 0.0 if rng.random() < 0.8 else rng.integers(0, 2, _SPEEDS)
             )  # slow all the way, or jumping
-        _drive(case, claims, leave, plan, sound, learned)
+        _drive(case, claims, leave, plan, unseen, learned)
     left = trials - n_random - n_bang
     if left <= 0:
         return
@@ -107,18 +109,19 @@ def _attack_exit(
         nonlocal spent
         out = np.zeros(plans.shape[1])
         for i in range(min(plans.shape[1], left - spent)):
-            out[i] = -_drive(case, claims, leave, plans[:, i], sound, learned)
+            out[i] = -_drive(case, claims, leave, plans[:, i], unseen, learned)
         spent = min(left, spent + plans.shape[1])
         return out
 
     search(cost, _TURNS + _SPEEDS, 1.0, left, rng)
 
 
-def _drive(case: RoadCase, claims: _Claims, leave: int, plan: Array, sound: Attack, learned: Attack) -> float:
+def _drive(
+    case: RoadCase, claims: _Claims, leave: int, plan: Array, unseen: Attack, learned: Attack
+) -> float:
     """Drive one target, count what it broke, and return its share of the longest time."""
     entry, way = _walk(case, claims, leave, plan[:_TURNS])
-    sound.trials += 1
-    learned.trials += 1
+    unseen.trials += 1
     if entry is None:  # it left the network: nothing is claimed
         return 0.0
     target, latest = case.target, claims.longest[leave] / case.target.v_lo_mps
@@ -127,10 +130,11 @@ def _drive(case: RoadCase, claims: _Claims, leave: int, plan: Array, sound: Atta
     listed = claims.pairs.get((leave, entry))
     broken = listed is None or not listed[0] - _TOLERANCE <= way <= listed[1] + _TOLERANCE
     broken |= time_s > latest + _TOLERANCE
-    sound.violations += int(broken)
+    unseen.violations += int(broken)
     share = time_s / latest if latest > 0.0 else 0.0
-    sound.closest = max(sound.closest, share)
-    if case.growth is not None:
+    unseen.closest = max(unseen.closest, share)
+    if case.growth is not None and (leave, entry) not in claims.branching:
+        learned.trials += 1
         # the prediction's speed may be wrong by e_v one way or the other, for each piece of the way
         sign = np.where(plan[_TURNS:] < 0.5, -1.0, 1.0)
         durations = way / _SPEEDS / speeds

@@ -29,14 +29,16 @@ class TargetGroup:
 
     Attributes
     ----------
-    name : their names
+    name : their names, abbreviated
     scenario : the world with one of them alone
     model : its learned model
+    members : names of all of them
     """
 
     name: str
     scenario: Scenario
     model: LearnedModel | None
+    members: tuple[str, ...] = ()
 
 
 def target_groups(scenario: Scenario, models: Models) -> list[TargetGroup]:
@@ -59,6 +61,7 @@ def target_groups(scenario: Scenario, models: Models) -> list[TargetGroup]:
             else f"{group[0].name} and {len(group) - 1} more",
             scenario.model_copy(update={"targets": (group[0],)}),
             by_name.get(group[0].name),
+            tuple(t.name for t in group),
         )
         for group in groups.values()
     ]

@@ -2,7 +2,7 @@
 
 | target | ways | span |
 | --- | --- | --- |
-| ``road`` | every walk over the roads that it can reach; as drawn, and as driven around bends and junctions | unlimited |
+| ``road`` | every walk over the roads that it can reach, as drawn, and as driven around bends | unlimited |
 | ``vector_field`` | its one path: on to where it closes, then round and round | unlimited, else a stated time |
 | ``track`` | the recording is one of the ways of its class, which may go anywhere | the recording |
 
@@ -27,7 +27,7 @@ from camnet.motion.road_network import CenterLine, RoadNetwork
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray
 
-__all__ = ["PathWays", "driven_ways", "drawn_ways", "path_ways", "road_arcs_of", "start_arcs", "wander_m"]
+__all__ = ["PathWays", "drawn_ways", "driven_ways", "path_ways", "road_arcs_of", "start_arcs", "wander_m"]
 
 #: the share of a normal distribution beyond this many standard deviations (0.3 %) is left out of a cross-section
 WANDER_SIGMAS = 3.0
@@ -324,7 +324,12 @@ def _lap(rows: Array) -> tuple[int, int]:
         return -1, -1
     # the last visit before the present one: the nearest sample of its run
     run = earlier[earlier > earlier[-1] - 10]
-    return int(run[np.argmin(near[run])]), len(rows) - 1
+    period = len(rows) - 1 - int(run[np.argmin(near[run])])
+    # the way closes where everything that follows comes again a lap later
+    apart = np.linalg.norm(rows[period:, :2] - rows[:-period, :2], axis=1)
+    still = np.flatnonzero(apart > max(_CLOSED_M, 0.6 * step))
+    begin = int(still[-1]) + 1 if len(still) else 0
+    return begin, begin + period
 
 
 def _path_graph(parts: list[Array], times: list[Array], after: list[list[int]], width: float) -> Ways:
@@ -342,4 +347,5 @@ def _path_graph(parts: list[Array], times: list[Array], after: list[list[int]], 
         np.concatenate([t - t[0] for t in times]),
         entries,
         width,
+        anywhere=False,
     )

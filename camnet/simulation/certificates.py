@@ -5,21 +5,32 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import shapely
 from shapely.geometry import Polygon
 
+from camnet.certification.constants import EstimatorBounds
 from camnet.certification.network import (
     DwellCertificates,
     NetworkGap,
     certify_dwell,
     dwell_report,
     estimator_bounds,
+    pose_rate_bound,
     working_radius,
 )
+from camnet.certification.premises import contradictions
 from camnet.estimation.concurrent_learning import LAYER_SHARE
 from camnet.geometry.frustum import Frustum
 from camnet.simulation.network import Network
 
-__all__ = ["feature_extent", "network_certificates", "network_gaps", "network_report", "view_radius"]
+__all__ = [
+    "feature_extent",
+    "network_certificates",
+    "network_gaps",
+    "network_report",
+    "premise_faults",
+    "view_radius",
+]
 
 
 def feature_extent(network: Network) -> float:
@@ -45,10 +56,10 @@ def _working_range(network: Network, camera: int) -> float:
     return float(np.clip(top, 1.01 * model.near_m, middle))
 
 
-def network_certificates(network: Network) -> DwellCertificates:
-    """Both certificates' dwell times for the network's smallest view and fastest target."""
+def _bounds(network: Network) -> EstimatorBounds:
+    """Premises of the certificates: gains of the estimator and bounds of the fastest target."""
     estimator = network.scenario.estimator
-    bounds = estimator_bounds(
+    return estimator_bounds(
         network.scenario.certificate,
         k=estimator.k1_per_s,
         kcl=estimator.kcl,
@@ -57,7 +68,7 @@ def network_certificates(network: Network) -> DwellCertificates:
         window_s=estimator.stack.window_s,
         stack_size=estimator.stack.size,
         excitation=estimator.stack.excitation_threshold,
-        weight_bound=estimator.weight_bound * (1.0 + LAYER_SHARE),  # outer radius of the projection
+        weight_bound=_projection_radius(network),
         kernel_spacing_m=estimator.basis.spacing_m,
         kernel_width_m=estimator.basis.width_m,
         v_max_mps=max(t.v_max_mps for t in network.scenario.targets),
@@ -67,8 +78,38 @@ def network_certificates(network: Network) -> DwellCertificates:
         boundary_layer=estimator.boundary_layer,
         unexcited_share=estimator.stack.excitation_share,
     )
+
+
+def network_certificates(network: Network) -> DwellCertificates:
+    """Both certificates' dwell times for the network's smallest view and fastest target."""
+    estimator, bounds = network.scenario.estimator, _bounds(network)
     radius = min(view_radius(network, j) for j in range(len(network.cameras)))
-    return certify_dwell(bounds, radius, mobile=network.n_agents > 0, v_lo=network.scenario.certificate.v_lo)
+    return certify_dwell(
+        bounds,
+        radius,
+        mobile=network.n_agents > 0,
+        v_lo=network.scenario.certificate.v_lo,
+        shared_model=estimator.share,
+    )
+
+
+def premise_faults(network: Network) -> tuple[str, ...]:
+    """Contradictions between the premises of ``sound``, in words; empty where there are none."""
+    v_max = max(t.v_max_mps for t in network.scenario.targets)
+    w_max = max(t.w_max_radps for t in network.scenario.targets)
+    delta = network.basis.centres[:, None] - network.basis.centres
+    kernels = np.exp(-0.5 * np.einsum("nki,kij,nkj->nk", delta, network.basis.precision, delta))
+    return contradictions(
+        _bounds(network),
+        v_max_mps=v_max,
+        pose_rate=pose_rate_bound(v_max, w_max),
+        projection_radius=_projection_radius(network),
+        sigma_attained=float(np.linalg.norm(kernels, axis=1).max(initial=0.0)),
+    )
+
+
+def _projection_radius(network: Network) -> float:
+    return network.scenario.estimator.weight_bound * (1.0 + LAYER_SHARE)
 
 
 def network_gaps(network: Network) -> list[NetworkGap]:
@@ -76,7 +117,19 @@ def network_gaps(network: Network) -> list[NetworkGap]:
     top = max(float(t.features_m[:, 2].max()) for t in network.description.targets)
     seen = [(region.name, Polygon(region.slab_outline(0.0, top))) for region in network.regions]
     pairs = itertools.permutations([(name, shape) for name, shape in seen if not shape.is_empty], 2)
-    return [NetworkGap(a, b, float(shape_a.distance(shape_b))) for (a, shape_a), (b, shape_b) in pairs]
+    return [
+        NetworkGap(a, b, float(shape_a.distance(shape_b)), _overlap_m(shape_a, shape_b))
+        for (a, shape_a), (b, shape_b) in pairs
+    ]
+
+
+def _overlap_m(a: Polygon, b: Polygon) -> float:
+    """How deep inside b one can be on the border of a, m: where a target leaves a while it is in b."""
+    shared = a.exterior.intersection(b)
+    if shared.is_empty or shared.length == 0.0:
+        return 0.0
+    places = shapely.get_coordinates(shapely.segmentize(shared, max(0.01, shared.length / 256.0)))
+    return float(shapely.distance(shapely.points(places), b.exterior).max())
 
 
 def network_report(network: Network) -> dict[str, object]:
@@ -86,4 +139,5 @@ def network_report(network: Network) -> dict[str, object]:
         v_max_mps=max(t.v_max_mps for t in network.scenario.targets),
         extent_m=feature_extent(network),
         gaps=network_gaps(network),
+        faults=premise_faults(network),
     )

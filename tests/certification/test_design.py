@@ -62,7 +62,7 @@ def test_the_certifier_agrees_with_the_placement():
     roads, cover, n = small_city()
     found = place_cameras(roads, cover, n, TARGET, 40.0, on_min_s=0.5)
     gaps = road_gaps(roads, _of(cover, found.chosen))
-    assert certify_roads(gaps, TARGET, 40.0, 0.0)["sound"].certified.all()
+    assert certify_roads(gaps, TARGET, 40.0, 0.0)["unseen"].certified.all()
     assert not gaps.cyclic.any()
 
 
@@ -124,4 +124,4 @@ def test_streets_of_a_real_city(shared_data):
     assert found.optimal
     assert found.certified
     gaps = road_gaps(roads, _of(cover, found.chosen))
-    assert certify_roads(gaps, RoadTargetClass(5.0, 14.0, 1.0), 120.0, 0.0)["sound"].certified.all()
+    assert certify_roads(gaps, RoadTargetClass(5.0, 14.0, 1.0), 120.0, 0.0)["unseen"].certified.all()

@@ -123,17 +123,27 @@ def test_straight_road_worked_by_hand():
     target = RoadTargetClass(5.0, 10.0, EXTENT)
     growth = GrowthModel(e0_m=0.5, model_error_mps=0.2)
     tables = certify_roads(gaps, target, 20.0, 1.0, growth)
-    sound = tables["sound"]
-    assert sound.certified.tolist() == [True]
-    assert sound.margin_s == pytest.approx([min(20 - (100 - 2 * half) / 5, 2 * half / 10 - 1)])
+    unseen = tables["unseen"]
+    assert unseen.certified.tolist() == [True]
+    assert unseen.margin_s == pytest.approx([min(20 - (100 - 2 * half) / 5, 2 * half / 10 - 1)])
     arrival = (100 - half) / 5
     ball = half
     assert tables["learned"].margin_m[0] == pytest.approx(min(ball - (0.5 + 0.2 * arrival), 2 * half - 10))
     assert tables["learned"].horizon_s == pytest.approx([(ball - 0.5) / 0.2])
     largest = growth.largest_model_error(ball, arrival, 10.0)
     assert error_after(0.0, 0.5, largest, 10.0, arrival) == pytest.approx(ball)
-    assert not certify_roads(gaps, target, 10.0, 1.0)["sound"].certified[0]
-    assert certify_roads(gaps, target, None, 1.0)["sound"].certified.tolist() == [False]
+    assert not certify_roads(gaps, target, 10.0, 1.0)["unseen"].certified[0]
+    assert certify_roads(gaps, target, None, 1.0)["unseen"].certified.tolist() == [True]  # nothing is limited
+    assert not certify_roads(gaps, target, None, 1.0, off_max_m=99 - 2 * half)["unseen"].certified[0]
+    assert certify_roads(gaps, target, None, 1.0, off_max_m=101 - 2 * half)["unseen"].certified[0]
+    # what is allowed proves nothing about the estimate: that rests on the dwell times of its analysis
+    assert "sound" not in tables
+    proven = {
+        times: certify_roads(gaps, target, 20.0, 1.0, dwell=times)["sound"]
+        for times in ((20.0, 1.0), (9.0, 1.0))
+    }
+    assert [t.certified[0] for t in proven.values()] == [True, False]
+    assert not certify_roads(gaps, target, 1e6, 0.0, dwell=(None, None))["sound"].certified[0]
 
 
 def test_an_unseen_circle_is_never_certified():
@@ -151,7 +161,7 @@ def test_an_unseen_circle_is_never_certified():
     report = network_report(
         gaps, certify_roads(gaps, RoadTargetClass(5, 10), 1e6, 0.0), RoadTargetClass(5, 10), ["a", "b"]
     )
-    assert report["certificates"]["sound"]["verdict"] == "not certified"
+    assert report["unseen"]["verdict"] == "not certified"
     assert any("circle" in str(u.get("reason")) for u in report["uncertified"])
     json.dumps(report, allow_nan=False)
 
@@ -272,12 +282,12 @@ def test_a_cut_search_never_certifies_what_it_did_not_follow():
     cover = cover_roads(roads, views, HEIGHT, EXTENT)
     whole, short = road_gaps(roads, cover), road_gaps(roads, cover, search_m=120.0)
     target = RoadTargetClass(5.0, 10.0, EXTENT)
-    full = certify_roads(whole, target, 30.0, 1.0)["sound"]
+    full = certify_roads(whole, target, 30.0, 1.0)["unseen"]
 
     def good(gaps, table):
         return set(zip(gaps.exit_stretch[table.certified], gaps.entry_stretch[table.certified], strict=True))
 
-    part = certify_roads(short, target, 30.0, 1.0)["sound"]
+    part = certify_roads(short, target, 30.0, 1.0)["unseen"]
     assert short.cut.any()
     assert good(short, part) <= good(whole, full)
 
@@ -298,16 +308,35 @@ def test_report_has_the_documented_fields_and_is_plain_json():
     roads, views = generated_city(9, 3)
     gaps = road_gaps(roads, cover_roads(roads, views, HEIGHT, EXTENT))
     target, growth = RoadTargetClass(5.0, 14.0, EXTENT), GrowthModel(0.5, 0.3)
-    tables = certify_roads(gaps, target, 20.0, 1.0, growth)
+    tables = certify_roads(gaps, target, 20.0, 1.0, growth, dwell=(20.0, 1.0))
     report = network_report(gaps, tables, target, [f"c{i}" for i in range(9)], growth=growth, on_min_s=1.0)
     json.dumps(report, allow_nan=False)
     assert report["network"] == {"cameras": 9, "regions": 0}
     assert set(report["certificates"]) == {"published", "sound", "learned"}
     assert report["certificates"]["published"]["verdict"] == "unsatisfiable"
     first = report["transitions"][0]
-    assert set(first["sound"]) == {"verdict", "margin_m", "margin_s", "binding"}
+    for claim in ("unseen", "sound"):
+        assert set(first[claim]) == {"verdict", "margin_m", "margin_s", "binding"}
     assert {"largest_model_error_mps", "trust_horizon_s"} <= set(first["learned"])
-    assert report["certificates"]["sound"]["verdict"] == "certified"
+    assert report["certificates"]["sound"]["verdict"] == report["unseen"]["verdict"] == "certified"
+
+
+def test_a_model_knows_one_way_over_an_unseen_junction():
+    cross = [
+        np.array([[0.0, 0], [100, 0]]),
+        np.array([[100.0, 0], [200, 0]]),
+        np.array([[100.0, 0], [100, 100]]),
+    ]
+    roads = arcs_from_roads(cross)
+    target, growth = RoadTargetClass(5.0, 10.0, EXTENT), GrowthModel(0.5, 0.01)
+    ends = np.array([[20.0, 0], [180, 0], [100, 80]])
+    for centres, unseen_junction in ((ends, True), (np.vstack([ends, [100.0, 0]]), False)):
+        gaps = road_gaps(roads, cover_roads(roads, nadir_views(centres, 20.0, 30.0), HEIGHT, EXTENT))
+        inner = gaps.longest_m > 1.0
+        assert (gaps.branches & inner).any() == unseen_junction
+        table = certify_roads(gaps, target, 60.0, 0.0, growth)["learned"]
+        assert not table.certified[gaps.branches].any()
+        assert table.certified[~gaps.branches].all()
 
 
 def test_benchmark_runs_and_counts():

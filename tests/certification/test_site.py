@@ -86,8 +86,9 @@ def test_road_site_and_its_map():
     report, gaps, tables = certify_road_site(
         roads, views, names, target, height_m=0.5, off_max_s=25.0, on_min_s=0.5, growth=GrowthModel(0.5, 0.2)
     )
-    assert report["certificates"]["sound"]["verdict"] == "certified"
-    parts = road_segments_with_verdict(roads, gaps, tables["sound"])
+    assert report["claims"]["unseen"]["verdict"] == report["unseen"]["verdict"] == "certified"
+    assert report["promise"]["unseen_max_s"] <= 25.0
+    parts = road_segments_with_verdict(roads, gaps, tables["unseen"])
     total = {k: sum(np.linalg.norm(np.diff(x, axis=0)) for x in v) for k, v in parts.items()}
     assert sum(total.values()) == pytest.approx(roads.length_m.sum())
     assert total["seen"] == pytest.approx((gaps.stretches.end_m - gaps.stretches.start_m).sum())
@@ -96,5 +97,5 @@ def test_road_site_and_its_map():
     report, gaps, tables = certify_road_site(
         roads, fewer, names[:6], target, height_m=0.5, off_max_s=25.0, on_min_s=0.5
     )
-    assert report["certificates"]["sound"]["verdict"] == "not certified"
-    assert len(road_segments_with_verdict(roads, gaps, tables["sound"])["uncertified"]) > 10
+    assert report["claims"]["unseen"]["verdict"] == report["unseen"]["verdict"] == "not certified"
+    assert len(road_segments_with_verdict(roads, gaps, tables["unseen"])["uncertified"]) > 10

@@ -22,15 +22,18 @@ from camnet.simulation.network import build_network
 def test_road_world_by_hand_and_hostile_drivers():
     scenario = load_scenario("patrol")
     report = certify_world(scenario, model_error_mps=0.05).report
-    assert report["certificates"]["sound"]["verdict"] == "certified"
+    assert report["claims"]["unseen"]["verdict"] == "certified"
+    # at every junction the model knows one way, and the vehicle may take another
+    assert report["certificates"]["learned"]["verdict"] == "not certified"
     # views of 8 tan(31 deg) = 4.8 m to each side, less the extent; 40 m of road between the corners
     entry = next(t for t in report["transitions"] if (t["from"], t["to"]) == ("north_west", "north_east"))
     assert entry["gap_m"] == pytest.approx(40 - 2 * (4.8 - 0.3), abs=0.5)
     shorter = certify_world(scenario, off_max_s=30.0).report
-    assert shorter["certificates"]["sound"]["verdict"] == "not certified"
+    assert shorter["claims"]["unseen"]["verdict"] == "not certified"
     attack = falsify_world(scenario, 400, 0, model_error_mps=0.05)
-    assert attack["violations"] == {"sound": 0, "learned": 0}
-    assert attack["closest_fraction"]["sound"] == pytest.approx(1.0, abs=1e-6)
+    assert attack["violations"] == {"unseen": 0, "sound": 0, "learned": 0}
+    assert attack["closest_fraction"]["learned"] is None  # claims nothing across junctions
+    assert attack["closest_fraction"]["unseen"] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_equal_road_targets_are_one_class_and_others_are_not():
@@ -43,7 +46,7 @@ def test_equal_road_targets_are_one_class_and_others_are_not():
     names = [g.name for g in target_groups(scenario.model_copy(update={"targets": (van, twin, slow)}), None)]
     assert names == ["vehicle, twin", "slow"]
     report = certify_world(scenario.model_copy(update={"targets": (van, twin, slow)})).report
-    assert report["certificates"]["sound"]["verdict"] == "not certified"  # 0.3 m/s needs longer than 60 s
+    assert report["claims"]["unseen"]["verdict"] == "not certified"  # 0.3 m/s needs longer than 60 s
     assert {t["target"] for t in report["uncertified"]} == {"slow"}
 
 
@@ -54,7 +57,7 @@ def test_a_wrong_longest_way_is_found_out():
     from camnet.experiments.falsify_road import attack_roads
 
     network = build_network(load_scenario("patrol"))
-    case = _road_case(network, network.scenario.targets[0].motion, None)
+    case = _road_case(network, [network.description.targets[0].motion], None)
     wrong = replace(case, gaps=replace(case.gaps, longest_m=case.gaps.longest_m - 0.5))
     sound, _ = attack_roads(wrong, 200, np.random.default_rng(0))
     assert sound.violations > 0
@@ -96,6 +99,6 @@ def test_city_with_its_detectors(shared_data):
         on_min_s=0.0,
     )
     assert done.report["network"]["cameras"] > 40
-    assert done.report["certificates"]["sound"]["verdict"] == "not certified"
-    assert any(t["sound"]["verdict"] == "certified" for t in done.report["transitions"])
+    assert done.report["claims"]["unseen"]["verdict"] == "not certified"
+    assert any(t["unseen"]["verdict"] == "certified" for t in done.report["transitions"])
     json.dumps(done.report, allow_nan=False)

@@ -66,7 +66,7 @@ def test_the_fewest_cameras_of_a_triangle(network, capsys, tmp_path):
     code, report = call(
         capsys, "certify", "--roads", network, "--cameras", out / "cameras.csv", "--off-max", 130, "--json", "--quiet"
     )  # fmt: skip
-    assert report["certificates"]["sound"]["verdict"] == "certified"
+    assert report["claims"]["unseen"]["verdict"] == "certified"
 
 
 def test_more_cameras_allow_less_time_out_of_view(network, capsys):
@@ -165,7 +165,7 @@ def test_a_repaired_pose_is_certified_and_additions_certify_the_whole(network, c
     _, report = call(
         capsys, "certify", "--roads", network, "--cameras", all_of_them, "--off-max", 76.0, "--json", "--quiet"
     )  # fmt: skip
-    assert report["certificates"]["sound"]["verdict"] == "certified"
+    assert report["claims"]["unseen"]["verdict"] == "certified"
 
 
 def test_objectives(network, capsys, tmp_path):
@@ -254,4 +254,4 @@ def test_a_network_by_sumos_own_generator(capsys, tmp_path):
     _, report = call(
         capsys, "certify", "--roads", net, "--cameras", tmp_path / "out" / "cameras.csv", "--off-max", 100, "--json"
     )  # fmt: skip
-    assert report["certificates"]["sound"]["verdict"] == "certified"
+    assert report["claims"]["unseen"]["verdict"] == "certified"
