@@ -310,11 +310,18 @@ def _met(watched: Watched, learned: dict[str, Any] | None, name: str) -> UnseenW
         return None
     worst = max(known, key=lambda t: float(t["learned"]["seen_again_s"]))
     seconds = float(worst["learned"]["seen_again_s"])
-    ways = watched.ways
-    speed = float(
-        np.nanmax(np.diff(ways.at_m) / np.where(np.diff(ways.time_s) > 0.0, np.diff(ways.time_s), np.nan))
-    )
+    speed = _top_speed(watched)
     return UnseenWay("between views", speed * seconds, seconds, worst["from"], worst["to"], name)
+
+
+def _top_speed(watched: Watched) -> float:
+    """Return the highest speed on the path, m/s; the last step of an arc closes it and is left out."""
+    ways = watched.ways
+    inner = np.ones(len(ways.at_m) - 1, dtype=bool)
+    inner[ways.sample_ptr[1:-1] - 1] = False
+    inner[ways.sample_ptr[1:] - 2] = False
+    speed: Array = np.diff(ways.at_m)[inner] / np.diff(ways.time_s)[inner]
+    return float(speed.max())
 
 
 def best_verdict(entry: dict[str, Any]) -> str:
