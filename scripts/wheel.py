@@ -56,7 +56,7 @@ _ROWS = (
         Smoke("simulate quickstart --duration 4 --out run", leaves=("run/report.html", "run/video.mp4")),
         Smoke("report run --no-video"),
         Smoke("track-video run/video.mp4 --box 100,100,60,60 --out tracked", leaves=("tracked/boxes.csv",)),
-        Smoke("certify quickstart --out certified", leaves=("certified/report.html",)),
+        Smoke("certify quickstart --out certified", status=1, leaves=("certified/report.html",)),  # nothing is promised
         Smoke("falsify patrol --trials 20 --out falsified"),
         Smoke("reproduce adate-navigation --seeds 1 --out reproduced"),
         Smoke("warm-up certify"),
