@@ -60,6 +60,11 @@ EXPERIMENTS = {
         3,
         takes_data=True,
     ),
+    "distance-observers": Experiment(
+        "camnet.experiments.distance_observers",
+        "distances to a checkerboard's corners from a moving camera (bell2019, ch. 3)",
+        15,
+    ),
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
         "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",

@@ -64,7 +64,7 @@ class CameraPath:
         self._q = RotationSpline(t_s, Rotation.from_quat(q_world, scalar_first=True))
         self.start_s, self.end_s = float(t_s[0]), float(t_s[-1])
 
-    def states(self, t_s: Array) -> CameraStates:
+    def states(self, t_s: Array | float) -> CameraStates:
         """Return the true states at times (K,), s; outside the given times they are extrapolated."""
         t = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
         turn = self._q(t)

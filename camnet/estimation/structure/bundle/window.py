@@ -8,7 +8,9 @@
 | | ``period`` | | frames from one adjustment to the next; between them odometry carries the pose on |
 
 The published EKF starts at 0.5 m with a standard deviation of ``sqrt(1.5e5 r) = 1.22`` 1/m of the inverse depth: the
-default prior is that one. When the window is full, the pose goes whose neighbours are nearest each other, so that the
+default prior is that one. It speaks of the object, whose N features are at about one depth: each has the standard
+deviation ``s_rho sqrt(N)``, so that together they weigh as one; N independent priors would pull at the scale N times as
+hard. When the window is full, the pose goes whose neighbours are nearest each other, so that the
 poses stay spread over the whole way; odometry then leads directly from one neighbour to the other, and what is lost are
 the pose's observations alone. Nothing is linearised about an old estimate.
 """
@@ -175,7 +177,7 @@ class SlidingBundle:
         )
         count = len(self.points)
         prior = np.column_stack(
-            [np.full(count, 1.0 / self._s.start_m), np.full(count, self._s.start_inverse_sd)]
+            [np.full(count, 1.0 / self._s.start_m), np.full(count, self._s.start_inverse_sd * np.sqrt(count))]
         )
         return build_problem(
             observations,
