@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from dataclasses import asdict
 from typing import Any
 
@@ -19,6 +20,9 @@ settings that --set changes.
   camnet worlds quickstart            one world
   camnet worlds quickstart --yaml     its file, to start a world of your own from
   camnet worlds --schema              the JSON schema of world files, for an editor"""
+
+#: names of one kind that a description shows
+_MOST_NAMES = 8
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -82,7 +86,9 @@ def _one(args: argparse.Namespace) -> None:
     for word in ("agents", "fixed_cameras", "regions", "targets", "occluders", "roads"):
         names = [item.name for item in getattr(scenario, word)]
         if names:
-            print(f"{word.replace('fixed_', ''):9s} {len(names)}: {', '.join(names)}")
+            shown = names if len(names) <= _MOST_NAMES else [*names[:_MOST_NAMES], "..."]
+            label = "cameras" if word == "fixed_cameras" else word
+            print(f"{label:9s} {len(names)}: {', '.join(shown)}")
     print(f"length    {scenario.run.duration_s:g} s (run.duration_s)")
     print(f"file      {world.path}\n")
     print(f"  camnet simulate {world.name}")
@@ -92,10 +98,17 @@ def _one(args: argparse.Namespace) -> None:
 
 def _settings(scenario: Any) -> list[str]:  # noqa: ANN401 - imported late
     """Return some settings of the world as they are, written for ``--set``."""
-    keys = [f"sensing.position_noise_m={scenario.sensing.position_noise_m:g}"]
+    keys = [
+        f"run.duration_s={scenario.run.duration_s:g}",
+        f"sensing.position_noise_m={scenario.sensing.position_noise_m:g}",
+    ]
     for target in scenario.targets[:1]:
-        speed = getattr(target.motion, "speed_mps", None)
-        keys += [] if speed is None else [f"targets.{target.name}.motion.speed_mps={speed:g}"]
+        speed = target.motion.model_dump(mode="json").get("speed_mps")
+        keys += (
+            []
+            if speed is None
+            else [f"targets.{target.name}.motion.speed_mps={json.dumps(speed).replace(' ', '')}"]
+        )
     return keys
 
 

@@ -16,10 +16,13 @@ All of them are registered with PettingZoo in both forms; ``pettingzoo.make("par
 
 from __future__ import annotations
 
+import difflib
 from typing import Any
 
 import gymnasium
 from pettingzoo import register
+
+from camnet.errors import ConfigError
 
 __all__ = ["PRESETS", "SINGLE", "preset_options", "register_all"]
 
@@ -42,7 +45,19 @@ SINGLE = "camnet/Handoff-Single-v0"
 
 
 def preset_options(world: Any, options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:  # noqa: ANN401 - name or scenario
-    """World and options of an environment, where ``world`` may be a registered id: ``options`` go before its own."""
+    """World and options of an environment, where ``world`` may be a registered id: ``options`` go before its own.
+
+    Raises
+    ------
+    ConfigError
+        ``world`` looks like an id and is none.
+    """
+    if isinstance(world, str) and world.startswith("camnet/Handoff-") and world not in PRESETS:
+        close = difflib.get_close_matches(world, PRESETS, 1)
+        hint = f"did you mean {close[0]!r}?" if close else f"ids: {', '.join(PRESETS)}"
+        raise ConfigError(
+            f"world: value {world!r}: no such registered id of an environment of many agents: {hint}"
+        )
     if isinstance(world, str) and world in PRESETS:
         options = {**PRESETS[world], **options}
         world = options.pop("world")
