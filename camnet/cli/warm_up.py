@@ -9,6 +9,7 @@ from typing import Any
 
 from camnet.cli.common import add_messages, progress_bar, say, warn
 from camnet.cli.output import print_json
+from camnet.cli.parser import suggestion
 
 __all__ = ["add_parser"]
 
@@ -46,7 +47,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
 
 def _part(text: str) -> str:
     if text not in _GROUPS:
-        raise argparse.ArgumentTypeError(f"{text!r} is no part; give some of {', '.join(_GROUPS)}")
+        raise argparse.ArgumentTypeError(f"{text!r}: no such part; {suggestion(text, _GROUPS)}")
     return text
 
 

@@ -78,6 +78,7 @@ def test_the_package_runs_as_a_module() -> None:
         ("evaluate --back-end bullet", "did you mean 'pybullet'?"),
         ("train --set stps=4", "did you mean 'steps'?"),
         ("reproduce adate-tabel", "did you mean 'adate-table'?"),
+        ("warm-up simulatte", "did you mean 'simulate'?"),
         ("bench sensng", "did you mean 'sensing'?"),
         ("simulate quickstart --set duration=3", "did you mean 'run.duration_s'?"),
         ("simulate quickstart --set speed_mps=3", "did you mean 'targets.robot.motion.speed_mps'?"),

@@ -93,6 +93,8 @@ CASES: dict[str, Case] = {
     ),
     "tensorboard --logdir runs/train/tensorboard": Case(only_read=_NO_TORCH),
     # the others
+    "camnet warm-up": Case(slow=True),
+    "camnet warm-up simulate certify": Case(replaced=((" simulate", ""),)),
     "camnet worlds quickstart": Case(),
     "camnet worlds quickstart --yaml": Case(),
     "camnet worlds --schema": Case(),
