@@ -1,13 +1,12 @@
 """Policy files: weights and a JSON description, nothing that runs.
 
-A policy file is a NumPy archive (``.npz``, a zip of plain arrays): ``header`` holds UTF-8 JSON as bytes; ``mean`` and
-``scale`` (F,) normalise the features; ``weight_k`` (in, out) and ``bias_k`` (out,) are the layers of a perceptron.
-Object arrays, which are pickles and could run code, are refused by the reader, as are archives that would unpack to
-more than `SIZE_LIMIT_BYTES`, unknown members, wrong shapes and numbers that are not finite.
+A policy file is a sealed archive (`camnet.storage.archive`): ``mean`` and ``scale`` (F,) normalise the features;
+``weight_k`` (in, out) and ``bias_k`` (out,) are the layers of a perceptron. Archives that would unpack to more than
+`SIZE_LIMIT_BYTES`, unknown members, wrong shapes or types and numbers that are not finite are refused.
 
 | header field | meaning |
 | --- | --- |
-| ``format``, ``version`` | ``camnet-policy``, 1 |
+| ``format``, ``version``, ``seal`` | ``camnet-policy``, 2, digest of the content |
 | ``features`` | names of the features in order (`camnet.agents.features`) |
 | ``activation`` | between layers: ``tanh`` or ``relu``; the last layer is linear, then clipped to [-1, 1] |
 | ``filter_name`` | estimator that the observations must come from |
@@ -19,8 +18,6 @@ more than `SIZE_LIMIT_BYTES`, unknown members, wrong shapes and numbers that are
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -30,25 +27,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from camnet.errors import DataError
-from camnet.storage.whole_file import whole_file
+from camnet.storage.archive import Archive, read_archive, write_archive
 from camnet.types import Array
 
 __all__ = ["SIZE_LIMIT_BYTES", "PolicyHeader", "PolicyNet", "load_policy", "save_policy"]
 
 #: no policy of this kind is larger; an archive that claims to be is not read
 SIZE_LIMIT_BYTES = 64_000_000
-#: what the readers of zip archives and of arrays raise on files that are damaged or made to do harm
-_BROKEN = (
-    ValueError,
-    KeyError,
-    EOFError,
-    MemoryError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+FORMAT, VERSION = "camnet-policy", 2
 
 
 class PolicyHeader(BaseModel):
@@ -56,8 +42,6 @@ class PolicyHeader(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    format: Literal["camnet-policy"] = "camnet-policy"
-    version: Literal[1] = 1
     features: tuple[str, ...]
     activation: Literal["tanh", "relu"] = "tanh"
     filter_name: str = "learned"
@@ -97,9 +81,7 @@ def save_policy(path: Path, net: PolicyNet) -> None:
     arrays = {"mean": net.mean, "scale": net.scale}
     for k, (weight, bias) in enumerate(zip(net.weights, net.biases, strict=True)):
         arrays |= {f"weight_{k}": weight, f"bias_{k}": bias}
-    header = json.dumps(net.header.model_dump(mode="json")).encode()
-    with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, header=np.frombuffer(header, dtype=np.uint8), **arrays)  # type: ignore[arg-type]
+    write_archive(path, FORMAT, VERSION, net.header.model_dump(mode="json"), arrays)
 
 
 def load_policy(path: Path) -> PolicyNet:
@@ -110,59 +92,26 @@ def load_policy(path: Path) -> PolicyNet:
     DataError
         The file cannot be read, is no policy file, or breaks a rule of the format; nothing of it was run.
     """
+    archive = read_archive(path, FORMAT, VERSION, SIZE_LIMIT_BYTES)
     try:
-        arrays = _members(path)
-        header = PolicyHeader.model_validate_json(arrays.pop("header").astype(np.uint8).tobytes())
-    except OSError as error:
-        raise DataError(f"policy {path}: cannot be read: {error}") from error
+        header = PolicyHeader.model_validate_json(json.dumps(archive.header))
     except ValidationError as error:
         raise DataError(f"policy {path}: its description is wrong: {error}") from error
-    except _BROKEN as error:
-        raise DataError(
-            f"policy {path}: is no policy file ({error}); camnet train writes archives of plain arrays"
-        ) from error
-    return _net(path, header, arrays)
+    return _net(archive, header)
 
 
-def _members(path: Path) -> dict[str, Array]:
-    """All arrays of the archive; pickled ones are refused by NumPy's reader."""
-    with zipfile.ZipFile(path) as archive:
-        size = sum(info.file_size for info in archive.infolist())
-    if size > SIZE_LIMIT_BYTES:
-        raise ValueError(f"it would unpack to {size} bytes, more than {SIZE_LIMIT_BYTES}")
-    with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: np.asarray(archive[name]) for name in archive.files}
-    for name, array in arrays.items():
-        if array.dtype.kind not in "fiu":
-            raise ValueError(f"array {name!r} has type {array.dtype}, should hold numbers")
-    if "header" not in arrays:
-        raise ValueError("it has no header")
-    return arrays
-
-
-def _net(path: Path, header: PolicyHeader, arrays: dict[str, Array]) -> PolicyNet:
-    layers = sum(name.startswith("weight_") for name in arrays)
-    names = {"mean", "scale"} | {f"{part}_{k}" for part in ("weight", "bias") for k in range(layers)}
-    if layers == 0 or set(arrays) != names:
-        raise DataError(f"policy {path}: holds {sorted(arrays)}, should hold {sorted(names)}")
-    values = {name: array.astype(float) for name, array in arrays.items()}
+def _net(archive: Archive, header: PolicyHeader) -> PolicyNet:
+    layers = sum(name.startswith("weight_") for name in archive.arrays)
+    if layers == 0:
+        raise DataError(f"{archive.path}: array 'weight_0' is missing")
+    archive.only({"mean", "scale"} | {f"{part}_{k}" for part in ("weight", "bias") for k in range(layers)})
     width = len(header.features)
+    mean, scale = archive.floats("mean", (width,)), archive.floats("scale", (width,))
+    if not (scale > 0).all():
+        raise DataError(f"{archive.path}: array 'scale' holds numbers that are not positive")
+    weights, biases = [], []
     for k in range(layers):
-        weight, bias = values[f"weight_{k}"], values[f"bias_{k}"]
-        if weight.ndim != 2 or weight.shape[0] != width or bias.shape != (weight.shape[1],):
-            raise DataError(
-                f"policy {path}: layer {k} has shapes {weight.shape} and {bias.shape}, should take {width} numbers"
-            )
-        width = weight.shape[1]
-    shapes_fit = values["mean"].shape == values["scale"].shape == (len(header.features),)
-    if not shapes_fit or not (values["scale"] > 0).all():
-        raise DataError(
-            f"policy {path}: mean and scale must be {len(header.features)} numbers, scale positive"
-        )
-    for name, value in values.items():
-        if not np.isfinite(value).all():
-            raise DataError(f"policy {path}: {name} holds numbers that are not finite")
-    weights = tuple(values[f"weight_{k}"] for k in range(layers))
-    return PolicyNet(
-        header, values["mean"], values["scale"], weights, tuple(values[f"bias_{k}"] for k in range(layers))
-    )
+        weights.append(archive.floats(f"weight_{k}", (width, None)))
+        width = weights[-1].shape[1]
+        biases.append(archive.floats(f"bias_{k}", (width,)))
+    return PolicyNet(header, mean, scale, tuple(weights), tuple(biases))

@@ -294,7 +294,7 @@ def learned_model(args: argparse.Namespace, scenario: Any) -> Any:  # noqa: ANN4
     from camnet.experiments.learned_model import learn_models, load_models
 
     if args.model is not None:
-        return load_models(args.model, [t.name for t in scenario.targets])
+        return load_models(args.model, scenario)
     if not args.learn:
         return None
     seconds = scenario.run.duration_s

@@ -11,7 +11,7 @@ from camnet import __version__
 from camnet.cache_folder import cache_folder
 from camnet.cli.arguments import whole
 from camnet.cli.common import add_common, add_scenario, add_seeds, overrides, progress_bar, say, warn
-from camnet.cli.output import Output, output_folder, print_json, write_json
+from camnet.cli.output import Output, output_folder, print_json
 
 __all__ = ["add_parser"]
 
@@ -129,10 +129,9 @@ def _write(args: argparse.Namespace, output: Output, result: Any, content: dict[
     """Write the results first; what is drawn or kept elsewhere comes after, and loses none of them when it fails."""
     from camnet.estimation.persistence import save_models
     from camnet.report.write import write_all
+    from camnet.simulation.run_files import write_run
 
-    write_json(output.path / "summary.json", content)
-    write_json(output.path / "handoffs.json", result.handoffs)
-    result.log.write(output.path / "log.parquet")
+    write_run(output.path, content, result.handoffs, result.log)
     output.results_stand()
     if args.save_model is not None:
         save_models(args.save_model, result.learned)

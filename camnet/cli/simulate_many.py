@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
+import os
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from camnet import __version__
-from camnet.cli.common import named_seeds, progress_bar, say
+from camnet.cli.common import named_seeds, progress_bar, say, warn
 from camnet.cli.output import print_json, resumed_folder, write_json
 from camnet.config.models import Scenario
+from camnet.errors import DataError
 from camnet.processes import Workers
 from camnet.report.write import REPORT_FILES
+from camnet.simulation.run_files import read_run, write_run
 from camnet.storage.marker import MARKER
 from camnet.storage.partial import replaced_folder
 
@@ -53,7 +55,7 @@ def _run_missing(
         with Workers(args.jobs or 2) as workers:
             for k, _ in enumerate(workers.finished(partial(_one, scenario, folder), wanted), start=1):
                 advance(len(seeds) - len(wanted) + k)
-    summaries = {s: _read(folder, s)["summary"] for s in seeds}
+    summaries = {s: read_run(folder / f"seed-{s}").content["summary"] for s in seeds}
     return {
         "aggregate": _aggregate(list(summaries.values())),
         "runs": {str(s): summary for s, summary in summaries.items()},
@@ -80,26 +82,21 @@ def _one(scenario: Scenario, folder: Path, seed: int) -> None:
     with replaced_folder(folder / f"seed-{seed}", "simulate") as temporary:
         config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
         content = {"summary": result.summary, "seed": seed, "version": __version__, "config": config}
-        write_json(temporary / "summary.json", content)
-        write_json(temporary / "handoffs.json", result.handoffs)
-        result.log.write(temporary / "log.parquet")
-
-
-def _read(folder: Path, seed: int) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(
-        (folder / f"seed-{seed}" / "summary.json").read_text(encoding="utf-8")
-    )
-    return content
+        write_run(temporary, content, result.handoffs, result.log)
 
 
 def _finished(folder: Path, scenario: Scenario, seed: int) -> bool:
-    """Whether this seed was run before with the same settings and version."""
+    """Whether this seed was run before with the same settings and version; a damaged run counts as absent."""
+    run = folder / f"seed-{seed}"
+    if not os.path.lexists(run):
+        return False
     try:
-        content = _read(folder, seed)
-    except (OSError, json.JSONDecodeError):
+        content = read_run(run).content
+    except DataError as error:
+        warn(f"{error}; seed {seed} is run again")
         return False
     config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
-    return bool(content["config"] == config and content["version"] == __version__)
+    return bool((content["config"], content["seed"], content["version"]) == (config, seed, __version__))
 
 
 def _aggregate(summaries: list[dict[str, Any]]) -> dict[str, Any]:

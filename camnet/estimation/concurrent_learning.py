@@ -201,6 +201,11 @@ class MotionModel:
         """``twist`` or ``stacked``: what the outputs are."""
         return self._settings.form
 
+    def can_hold(self, weights: Array) -> bool:
+        """Whether the projection can have left such weights (p, 8): inside the ball and its boundary layer."""
+        rim = (1.0 + LAYER_SHARE) * self._settings.weight_bound
+        return float(np.linalg.norm(weights[:, : self._outputs])) <= rim * (1.0 + 1e-9)
+
     @property
     def psi(self) -> Array:
         """Composite history stack Psi (p, p), (3-14), (4-21)."""

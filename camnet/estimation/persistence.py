@@ -1,9 +1,9 @@
 """Learned models on disk, and merged from several regions, targets or runs.
 
-A file is a NumPy archive (``.npz``): ``header`` is a JSON object with format, version, form and the number of models;
-``centres``, ``precision`` are the basis; ``rows_i``, ``increments_i``, ``entered_i`` (and the same with ``rate_`` in
-front) are the stacks of model i, ``weights_i`` its weights. Models can be joined when they speak of the same kernels
-and outputs. Nothing is unpickled.
+A file is a sealed archive (`camnet.storage.archive`): the header has the form, the number of models and the scale of
+headings; ``centres``, ``precision`` are the basis; ``rows_i``, ``increments_i``, ``entered_i`` (and the same with
+``rate_`` in front) are the stacks of model i, ``weights_i`` its weights. Models can be joined when they speak of the
+same kernels and outputs.
 
 Merging offers every window of one model to the stack of the other, whose selection rule decides what to keep; the law
 then settles on the joint data. As the windows of both obey the same equation, ``Deta = Y W``, their order does not
@@ -12,11 +12,6 @@ matter until a stack is full.
 
 from __future__ import annotations
 
-import json
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,31 +24,16 @@ from camnet.estimation.basis import RbfBasis
 from camnet.estimation.concurrent_learning import MotionModel
 from camnet.estimation.propagate import COLUMNS
 from camnet.estimation.stack import HistoryStack
-from camnet.storage.whole_file import whole_file
+from camnet.storage.archive import Archive, read_archive, write_archive
 from camnet.types import Array
 
 __all__ = ["LearnedModel", "check_same", "extract", "install", "load_models", "merge", "save_models"]
 
 FORMAT = "camnet learned models"
-VERSION = 1
+VERSION = 2
 #: time for which the law runs on the joint data after a merger, s
 SETTLE_S = 120.0
 _STACKS = ("", "rate_")
-#: what a damaged archive can raise on its way through NumPy, zipfile and zlib
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    EOFError,
-    KeyError,
-    SyntaxError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -138,6 +118,10 @@ def install(model: MotionModel, basis: RbfBasis, learned: LearnedModel) -> None:
 
 def _offer(model: MotionModel, basis: RbfBasis, learned: LearnedModel) -> int:
     check_same(model.form, basis, learned)
+    if not model.can_hold(learned.weights):
+        raise DataError(
+            "learned model: its weights are larger than the estimator's weight_bound ever leaves them"
+        )
     taken = 0
     for offer, (rows, increments, times) in zip(
         (model.learn_window, model.learn_rate), learned.stacks, strict=True
@@ -173,15 +157,11 @@ def save_models(path: Path | str, models: Sequence[LearnedModel]) -> None:
                 f"{prefix}entered_{i}": times,
             }
     header = {
-        "format": FORMAT,
-        "version": VERSION,
         "form": first.form,
         "models": len(models),
         "heading_scale_m": first.basis.heading_scale_m,
     }
-    arrays["header"] = np.array(json.dumps(header))
-    with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    write_archive(path, FORMAT, VERSION, header, arrays)
 
 
 def load_models(path: Path | str) -> list[LearnedModel]:
@@ -192,64 +172,40 @@ def load_models(path: Path | str) -> list[LearnedModel]:
     DataError
         If the file is missing, is no such archive, is damaged, or holds arrays that do not fit together.
     """
-    path = Path(path)
+    archive = read_archive(Path(path), FORMAT, VERSION)
+    form, count, heading_scale_m = _header(archive)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except FileNotFoundError as error:
-        raise DataError(f"{path}: no such file of learned models") from error
-    except _UNREADABLE as error:
-        raise DataError(f"{path}: not a readable archive of learned models ({error})") from error
-    header = _header(path, arrays)
-    try:
-        centres = _array(path, arrays, "centres", (None, None))
-        precision = _array(path, arrays, "precision", (len(centres), None, None))
+        centres = archive.floats("centres", (None, None))
+        precision = archive.floats("precision", (len(centres), None, None))
         covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
-        basis = RbfBasis.create(centres, covariance, header["heading_scale_m"])
+        basis = RbfBasis.create(centres, covariance, heading_scale_m)
     except (np.linalg.LinAlgError, ValueError, ConfigError) as error:
         raise DataError(f"{path}: its kernels are no basis ({error})") from error
-    return [_model(path, arrays, i, header["form"], basis) for i in range(header["models"])]
+    parts = [f"{prefix}{part}" for prefix in _STACKS for part in ("rows", "increments", "entered")]
+    names = {f"{part}_{i}" for part in ("weights", *parts) for i in range(count)}
+    archive.only({"centres", "precision"} | names)
+    return [_model(archive, i, form, basis) for i in range(count)]
 
 
-def _header(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
-    try:
-        header = json.loads(str(arrays["header"]))
-    except (KeyError, json.JSONDecodeError) as error:
-        raise DataError(f"{path}: no JSON header; not a file of learned models") from error
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise DataError(f"{path}: header {header!r}, expected format '{FORMAT}'")
-    if header.get("version") != VERSION:
-        raise DataError(f"{path}: version {header.get('version')!r}, this program reads {VERSION}")
-    if header.get("form") not in ("twist", "stacked"):
-        raise DataError(f"{path}: form {header.get('form')!r}, expected 'twist' or 'stacked'")
-    if not isinstance(header.get("models"), int) or header["models"] < 1:
-        raise DataError(f"{path}: models {header.get('models')!r}, expected a positive number")
-    if not isinstance(header.get("heading_scale_m"), float):
-        raise DataError(f"{path}: heading_scale_m {header.get('heading_scale_m')!r}, expected a number")
-    return header
+def _header(archive: Archive) -> tuple[str, int, float]:
+    path, header = archive.path, archive.header
+    if set(header) != {"form", "models", "heading_scale_m"}:
+        raise DataError(f"{path}: header {sorted(header)}, expected form, heading_scale_m, models")
+    form, count, scale = header["form"], header["models"], header["heading_scale_m"]
+    if form not in ("twist", "stacked"):
+        raise DataError(f"{path}: header: form {form!r}, expected 'twist' or 'stacked'")
+    if type(count) is not int or not 1 <= count <= len(archive.arrays):
+        raise DataError(f"{path}: header: models {count!r}, expected a positive number")
+    if type(scale) is not float or not scale > 0.0:
+        raise DataError(f"{path}: header: heading_scale_m {scale!r}, expected a positive number")
+    return form, count, scale
 
 
-def _array(path: Path, arrays: dict[str, Any], name: str, shape: tuple[int | None, ...]) -> Array:
-    """Return the named array if its shape fits (None: any length) and it is finite."""
-    if name not in arrays:
-        raise DataError(f"{path}: array '{name}' is missing")
-    array = arrays[name]
-    fits = array.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
-    )
-    if not fits or array.dtype.kind != "f":
-        raise DataError(f"{path}: array '{name}' is {array.dtype} {array.shape}, expected float {shape}")
-    if not np.isfinite(array).all():
-        raise DataError(f"{path}: array '{name}' holds values that are not finite")
-    return np.asarray(array, dtype=np.float64)
-
-
-def _model(path: Path, arrays: dict[str, Any], i: int, form: str, basis: RbfBasis) -> LearnedModel:
+def _model(archive: Archive, i: int, form: str, basis: RbfBasis) -> LearnedModel:
     p = basis.size
     stacks = []
     for prefix in _STACKS:
-        rows = _array(path, arrays, f"{prefix}rows_{i}", (None, p))
-        increments = _array(path, arrays, f"{prefix}increments_{i}", (len(rows), COLUMNS))
-        stacks.append((rows, increments, _array(path, arrays, f"{prefix}entered_{i}", (len(rows),))))
-    weights = _array(path, arrays, f"weights_{i}", (p, COLUMNS))
-    return LearnedModel(form, basis, weights, (stacks[0], stacks[1]))
+        rows = archive.floats(f"{prefix}rows_{i}", (None, p))
+        increments = archive.floats(f"{prefix}increments_{i}", (len(rows), COLUMNS))
+        stacks.append((rows, increments, archive.floats(f"{prefix}entered_{i}", (len(rows),))))
+    return LearnedModel(form, basis, archive.floats(f"weights_{i}", (p, COLUMNS)), (stacks[0], stacks[1]))

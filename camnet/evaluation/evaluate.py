@@ -7,9 +7,6 @@ it was, and more episodes or agents add to those there.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import re
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -20,6 +17,7 @@ import numpy as np
 
 from camnet import __version__
 from camnet.agents import estimator_of
+from camnet.evaluation.kept import keep_scores, kept_scores
 from camnet.evaluation.play import Match, play
 from camnet.evaluation.play_batch import can_play_together, play_together
 from camnet.evaluation.scores import METRICS, Score
@@ -86,7 +84,7 @@ def evaluate(plan: Plan, folder: Path, progress: Callable[[float], None] | None 
 
 def returns_of(plan: Plan, folder: Path, match: Match) -> Array:
     """Return of every episode that an evaluation has played and kept, in the order of its seeds."""
-    kept = _kept(folder, plan, match, plan.settled()[match])
+    kept = kept_scores(folder, match, plan.settled()[match], plan.seeds)
     return np.array([kept[seed]["return"] for seed in plan.seeds])
 
 
@@ -94,7 +92,7 @@ def _scores(
     plan: Plan, back_ends: dict[Match, str], folder: Path, progress: Callable[[float], None] | None
 ) -> dict[Match, dict[int, Score]]:
     """Scores of all episodes, playing those that the folder does not hold."""
-    kept = {match: _kept(folder, plan, match, back_ends[match]) for match in plan.matches}
+    kept = {match: kept_scores(folder, match, back_ends[match], plan.seeds) for match in plan.matches}
     tasks = []
     for match in plan.matches:
         missing, size = [s for s in plan.seeds if s not in kept[match]], _CHUNK[back_ends[match]]
@@ -109,7 +107,7 @@ def _scores(
         for task, found in played:
             fresh = dict(zip(task.seeds, found, strict=True))
             kept[task.match] |= fresh
-            _keep(folder, task, fresh)
+            keep_scores(folder, task.match, task.back_end, fresh)
             finished += len(fresh)
             if progress is not None:
                 progress(finished / total)
@@ -145,62 +143,6 @@ def _play(task: _Task) -> list[Score]:
     if task.back_end == "batch":
         return play_together(task.match, task.seeds)
     return list(play(task.match, task.seeds))
-
-
-# --- what is kept ------------------------------------------------------------------------------------------
-
-
-def _digest(match: Match, back_end: str) -> str:
-    agent: object = match.agent
-    if match.agent.endswith(".npz"):
-        agent = hashlib.sha256(Path(match.agent).read_bytes()).hexdigest()
-    world: object = match.world
-    if Path(match.world).is_file():
-        world = hashlib.sha256(Path(match.world).read_bytes()).hexdigest()
-    what = [
-        __version__,
-        back_end,
-        agent,
-        world,
-        match.max_cycles,
-        match.cutoff_m,
-        match.overrides,
-        match.options,
-    ]
-    return hashlib.sha256(json.dumps(what, default=str).encode()).hexdigest()[:16]
-
-
-def _path(folder: Path, match: Match) -> Path:
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{match.world}-{match.agent}").strip("._")
-    return folder / "episodes" / f"{name}.jsonl"
-
-
-def _kept(folder: Path, plan: Plan, match: Match, back_end: str) -> dict[int, Score]:
-    """Episodes that are there already; a line that a stopped run left half-written is passed over."""
-    path, digest, found = _path(folder, match), _digest(match, back_end), {}
-    if not path.is_file():
-        return {}
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            entry = json.loads(line)
-            if entry["digest"] == digest:
-                found[int(entry["seed"])] = {
-                    k: float("nan") if v is None else v for k, v in entry["score"].items()
-                }
-        except (json.JSONDecodeError, KeyError, TypeError, ValueError):
-            continue
-    return {seed: score for seed, score in found.items() if seed in plan.seeds}
-
-
-def _keep(folder: Path, task: _Task, scores: dict[int, Score]) -> None:
-    path, digest = _path(folder, task.match), _digest(task.match, task.back_end)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    torn = path.is_file() and not path.read_bytes().endswith(b"\n")  # a stopped run's half line
-    with path.open("a", encoding="utf-8") as file:
-        file.write("\n" if torn else "")
-        for seed, score in scores.items():
-            plain = {k: v if np.isfinite(v) else None for k, v in score.items()}
-            file.write(json.dumps({"digest": digest, "seed": seed, "score": plain}, allow_nan=False) + "\n")
 
 
 # --- tables ------------------------------------------------------------------------------------------

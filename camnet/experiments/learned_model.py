@@ -1,15 +1,13 @@
 """The learned motion models of targets: learned in simulation by the built-in estimator, saved and loaded.
 
-A model file (``.npz``) holds the kernels, one weight matrix per region, and the record of the run that made it: the
-true path, who saw the target when, and every gap with the prediction's error at its end.
+A model file (`camnet.storage.archive`) holds the kernels, one weight matrix per region, and the record of the run that
+made it: the true path, who saw the target when, and every gap with the prediction's error at its end.
 """
 
 from __future__ import annotations
 
-import io
-import zipfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +15,17 @@ import numpy as np
 from camnet.certification.growth import PlanarField
 from camnet.config.models import Scenario
 from camnet.errors import ConfigError, DataError
+from camnet.estimation.concurrent_learning import LAYER_SHARE
 from camnet.estimation.learning_estimator import LearningEstimator
-from camnet.estimation.propagate import UNIT
+from camnet.estimation.propagate import COLUMNS, UNIT
 from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.run import decide, open_simulation, setpoints_for
-from camnet.storage.whole_file import whole_file
+from camnet.storage.archive import Archive, read_archive, write_archive
 from camnet.types import Array
 
 __all__ = ["LearnedModel", "learn_model", "learn_models", "load_model", "load_models", "save_models"]
 
+FORMAT, VERSION = "camnet learned motion", 1
 _KEYS = ("centres", "precision", "weights", "path", "gaps")
 
 
@@ -39,6 +39,7 @@ class LearnedModel:
     weights : (J, p, 8) weights of every region's model; columns 0, 1 are the planar velocity, m/s
     path : (n, 4) time (s), true x and y (m), camera that sees the target (-1: none)
     gaps : (g, 5) camera before and after, time lost and seen again (s), error of the prediction then (m)
+    world, target : what it was learned of
     """
 
     centres: Array
@@ -46,6 +47,8 @@ class LearnedModel:
     weights: Array
     path: Array
     gaps: Array
+    world: str = ""
+    target: str = ""
 
     def fields(self) -> list[PlanarField]:
         """Return the learned planar velocity of every region's model."""
@@ -59,11 +62,8 @@ class LearnedModel:
 
     def save(self, path: Path) -> None:
         """Write the model; equal models give equal files."""
-        with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-            for key in _KEYS:
-                buffer = io.BytesIO()
-                np.save(buffer, getattr(self, key), allow_pickle=False)
-                archive.writestr(zipfile.ZipInfo(f"{key}.npy"), buffer.getvalue(), zipfile.ZIP_DEFLATED)
+        arrays = {key: np.asarray(getattr(self, key), dtype=np.float64) for key in _KEYS}
+        write_archive(path, FORMAT, VERSION, {"world": self.world, "target": self.target}, arrays)
 
 
 def load_model(path: str | Path) -> LearnedModel:
@@ -75,12 +75,45 @@ def load_model(path: str | Path) -> LearnedModel:
         The file is absent or holds something else.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
-            return LearnedModel(*(np.asarray(data[key], dtype=float) for key in _KEYS))
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        archive = read_archive(Path(path), FORMAT, VERSION)
+        model = _from_archive(archive)
+    except DataError as error:
+        raise DataError(f"{error}; camnet certify WORLD --learn --out DIR writes learned models") from None
+    _check_run(path, model)
+    return model
+
+
+def _from_archive(archive: Archive) -> LearnedModel:
+    archive.only(set(_KEYS))
+    names = {key: archive.header.get(key) for key in ("world", "target")}
+    if set(archive.header) != set(names) or not all(isinstance(name, str) for name in names.values()):
+        raise DataError(f"{archive.path}: header {archive.header}, expected names of world and target")
+    centres = archive.floats("centres", (None, 2))
+    p = len(centres)
+    precision = archive.floats("precision", (p, 2, 2))
+    if not (np.linalg.eigvalsh(precision) > 0.0).all() or not np.allclose(
+        precision[:, 0, 1], precision[:, 1, 0]
+    ):
         raise DataError(
-            f"{path}: not a learned model ({error}); camnet certify WORLD --learn --out DIR writes one"
-        ) from None
+            f"{archive.path}: array 'precision' holds matrices that are not symmetric and positive"
+        )
+    weights = archive.floats("weights", (None, p, COLUMNS))
+    path, gaps = archive.floats("path", (None, 4)), archive.floats("gaps", (None, 5))
+    return LearnedModel(centres, precision, weights, path, gaps, str(names["world"]), str(names["target"]))
+
+
+def _check_run(path: str | Path, model: LearnedModel) -> None:
+    """See that the record of the run can be one: times in order, cameras of the network (DataError)."""
+    t_s, cameras = model.path[:, 0], np.r_[model.path[:, 3], model.gaps[:, :2].ravel()]
+    regions = len(model.weights)
+    if len(t_s) and not (t_s[0] >= 0.0 and (np.diff(t_s) > 0.0).all()):
+        raise DataError(f"{path}: array 'path': its times do not increase")
+    if not regions or not np.isin(cameras, np.arange(-1, regions)).all():
+        raise DataError(
+            f"{path}: arrays 'path' and 'gaps': cameras are -1 to {regions - 1}, one for each of 'weights'"
+        )
+    if not ((model.gaps[:, 3] >= model.gaps[:, 2]) & (model.gaps[:, 4] >= 0.0)).all():
+        raise DataError(f"{path}: array 'gaps': a gap ends before it begins, or has a negative error")
 
 
 def learn_model(
@@ -108,7 +141,11 @@ def learn_models(
                 "velocity that depends on the position alone; use 'position'"
             )
         paths = _follow(simulation, seconds, progress)
-        return {t.name: _collect(simulation, m, paths[m]) for m, t in enumerate(scenario.targets)}
+        found = (_collect(simulation, m, paths[m]) for m in range(len(scenario.targets)))
+        return {
+            t.name: replace(model, world=scenario.name, target=t.name)
+            for t, model in zip(scenario.targets, found, strict=True)
+        }
     finally:
         simulation.world.close()
 
@@ -119,13 +156,28 @@ def save_models(models: Mapping[str, LearnedModel], folder: Path) -> None:
         model.save(folder / ("model.npz" if k == 0 else f"model_{name}.npz"))
 
 
-def load_models(path: Path, targets: Sequence[str]) -> dict[str, LearnedModel]:
-    """Read the models that ``save_models`` wrote: ``path`` is the first target's, the others lie beside it."""
-    models = {targets[0]: load_model(path)}
-    for name in targets[1:]:
-        beside = path.parent / f"model_{name}.npz"
-        if beside.is_file():
-            models[name] = load_model(beside)
+def load_models(path: Path, scenario: Scenario) -> dict[str, LearnedModel]:
+    """Read the models that ``save_models`` wrote: ``path`` is the first target's, the others lie beside it.
+
+    Raises
+    ------
+    DataError
+        A file cannot be read, is of another world or target, or its weights are beyond the estimator's bound.
+    """
+    first, *others = (target.name for target in scenario.targets)
+    files = {first: path, **{name: path.parent / f"model_{name}.npz" for name in others}}
+    found = {name: file for name, file in files.items() if name == first or file.exists()}
+    models = {name: load_model(file) for name, file in found.items()}
+    outputs = 6 if scenario.estimator.form == "twist" else 7
+    rim = (1.0 + LAYER_SHARE) * scenario.estimator.weight_bound * (1.0 + 1e-9)
+    for name, model in models.items():
+        for what, stated, wanted in (("world", model.world, scenario.name), ("target", model.target, name)):
+            if stated and stated != wanted:
+                raise DataError(f"{found[name]}: was learned of {what} {stated!r}, not of {wanted!r}")
+        if np.linalg.norm(model.weights[:, :, :outputs], axis=(1, 2)).max() > rim:
+            raise DataError(
+                f"{found[name]}: array 'weights' is larger than estimator.weight_bound ever leaves it"
+            )
     return models
 
 

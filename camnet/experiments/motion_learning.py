@@ -21,7 +21,7 @@ from scipy import stats
 
 from camnet.errors import ConfigError
 from camnet.experiments.motion_learning_rows import ROWS, SCORED_FROM_S
-from camnet.experiments.motion_learning_runs import digest, run_seeds, trace_file
+from camnet.experiments.motion_learning_runs import digest, read_trace, run_seeds, trace_file
 from camnet.experiments.motion_learning_scene import SceneSettings
 from camnet.report.experiments import write_motion_learning
 
@@ -86,8 +86,7 @@ def run(
     results = run_seeds(numbers, scene, kept, progress)
     if out_dir is not None and kept is not None:
         Path(out_dir).mkdir(parents=True, exist_ok=True)
-        with np.load(trace_file(kept, seed)) as poses:
-            write_motion_learning(dict(poses), Path(out_dir), SCORED_FROM_S)
+        write_motion_learning(read_trace(trace_file(kept, seed)), Path(out_dir), SCORED_FROM_S)
     rows = {
         name: {
             measure: interval([r["rows"][name][measure] for r in results])

@@ -7,8 +7,9 @@ it was, more seeds add to those there, and nothing of an older program is taken 
 from __future__ import annotations
 
 import hashlib
-import json
+import logging
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,15 +18,21 @@ from typing import Any
 import numpy as np
 
 import camnet
+from camnet.errors import DataError
 from camnet.estimation.observation import measured_world_pose
 from camnet.experiments.motion_learning_rows import Trace, build_rows, follow, score
 from camnet.experiments.motion_learning_scene import Recording, SceneSettings, record
 from camnet.geometry import rotations
 from camnet.processes import Workers
-from camnet.storage.whole_file import whole_file, write_json
+from camnet.storage.archive import read_archive, write_archive
+from camnet.storage.json_file import read_json
+from camnet.storage.seal import seal_of
+from camnet.storage.whole_file import write_json
+from camnet.types import Array
 
-__all__ = ["digest", "run_seed", "run_seeds", "trace_file"]
+__all__ = ["digest", "read_trace", "run_seed", "run_seeds", "trace_file"]
 
+_LOG = logging.getLogger(__name__)
 #: every how many frames a pose is kept for the figures
 KEEP_EVERY = 6
 WORKERS = 2
@@ -46,8 +53,9 @@ def trace_file(folder: Path, seed: int) -> Path:
 
 def run_seed(seed: int, scene: SceneSettings, folder: Path | None, keep_trace: bool) -> dict[str, Any]:
     """Errors of every row for one seed, from ``folder`` if they are there already."""
-    if folder is not None and _is_kept(folder, seed, keep_trace):
-        return dict(json.loads(_result_file(folder, seed).read_text(encoding="utf-8")))
+    kept = None if folder is None else _kept(folder, seed, keep_trace)
+    if kept is not None:
+        return kept
     recording = record(scene, seed)
     rows = build_rows(recording, scene)
     traces = follow(recording, rows)
@@ -64,7 +72,7 @@ def run_seed(seed: int, scene: SceneSettings, folder: Path | None, keep_trace: b
     if folder is not None:
         if keep_trace:
             _write_trace(trace_file(folder, seed), recording, traces)
-        write_json(_result_file(folder, seed), result)
+        write_json(_result_file(folder, seed), {**result, "seal": seal_of(result)})
     return result
 
 
@@ -99,9 +107,28 @@ def _result_file(folder: Path, seed: int) -> Path:
     return folder / f"seed-{seed}.json"
 
 
-def _is_kept(folder: Path, seed: int, with_trace: bool) -> bool:
-    there = _result_file(folder, seed).is_file()
-    return there and (not with_trace or trace_file(folder, seed).is_file())
+def _kept(folder: Path, seed: int, with_trace: bool) -> dict[str, Any] | None:
+    """Return the result of a seed that ran before; None, with a message if it is damaged, where it is to run again."""
+    path = _result_file(folder, seed)
+    if not os.path.lexists(path) or (with_trace and not os.path.lexists(trace_file(folder, seed))):
+        return None
+    try:
+        content = read_json(path)
+        seal = content.pop("seal", None) if isinstance(content, dict) else None
+        if seal != seal_of(content) or content.get("seed") != seed:
+            raise DataError(f"{path}: its content is not what was written (its seal does not fit)")
+        if with_trace:
+            read_trace(trace_file(folder, seed))
+    except DataError as error:
+        _LOG.warning("%s; seed %d is run again", error, seed)
+        return None
+    return dict(content)
+
+
+def read_trace(path: Path) -> dict[str, Array]:
+    """Return the poses kept of one seed (DataError: not what was written)."""
+    archive = read_archive(path, "camnet traces", 1)
+    return {name: np.asarray(array) for name, array in archive.arrays.items()}
 
 
 def _write_trace(path: Path, recording: Recording, traces: Mapping[str, Trace]) -> None:
@@ -111,8 +138,8 @@ def _write_trace(path: Path, recording: Recording, traces: Mapping[str, Trace]) 
     arrays |= {"truth.p_world": recording.p_world, "truth.q_world": recording.q_world}
     for name, trace in traces.items():
         arrays |= {f"{name}.p_world": trace.p_world, f"{name}.q_world": trace.q_world}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **{name: value[::KEEP_EVERY] for name, value in arrays.items()})
+    shown = {name: np.asarray(value)[::KEEP_EVERY] for name, value in arrays.items()}
+    write_archive(path, "camnet traces", 1, {}, shown)
 
 
 def run_seeds(

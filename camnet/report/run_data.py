@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
-from camnet.config.models import Scenario
 from camnet.errors import DataError
 from camnet.simulation.network import Network, build_network
+from camnet.simulation.run_files import read_run
 from camnet.types import Array, BoolArray
 
 __all__ = ["RunData", "load_run", "spans"]
@@ -78,17 +76,12 @@ def load_run(folder: Path) -> RunData:
     DataError
         The folder is not that of a run; the message names the file that is missing or broken.
     """
-    try:
-        content = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        handoffs = json.loads((folder / "handoffs.json").read_text(encoding="utf-8"))
-        table = pq.read_table(folder / "log.parquet")
-    except FileNotFoundError as error:
-        raise DataError(f"{folder}: not the folder of a finished run: {error.filename} is missing") from error
-    except (json.JSONDecodeError, OSError) as error:
-        raise DataError(f"{folder}: a file of the run cannot be read: {error}") from error
-    scenario = Scenario.model_validate(content["config"])
-    columns = {name: table[name].to_numpy() for name in table.column_names}
-    return RunData(folder, build_network(scenario), content["summary"], handoffs, columns)
+    if not folder.is_dir():
+        raise DataError(f"{folder}: is no folder; the folder of a run was expected")
+    files = read_run(folder)
+    return RunData(
+        folder, build_network(files.scenario), files.content["summary"], files.handoffs, files.columns
+    )
 
 
 def spans(t_s: Array, mask: BoolArray) -> list[tuple[float, float]]:

@@ -72,18 +72,27 @@ def put_in_place(partial: Path, folder: Path) -> None:
 
 def _exchange(partial: Path, folder: Path) -> None:
     """Put ``partial`` in the place of ``folder``, which is moved aside first and removed after."""
-    if not folder.is_dir():
+    if not os.path.lexists(folder):
         os.rename(partial, folder)
         return
     aside = folder.with_name(temporary_name(folder.name, "replaced"))
-    shutil.rmtree(aside, ignore_errors=True)
+    _remove(aside)
     os.rename(folder, aside)
     try:
         os.rename(partial, folder)
     except BaseException:
         os.rename(aside, folder)
         raise
-    shutil.rmtree(aside, ignore_errors=True)
+    _remove(aside)
+
+
+def _remove(path: Path) -> None:
+    """Remove a folder, a file or a link (never what it leads to), or nothing."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
 
 
 def keep_failed(partial: Path, folder: Path) -> Path | None:

@@ -26,7 +26,7 @@ from camnet.agents.features import FEATURES
 from camnet.agents.policy_file import PolicyHeader, PolicyNet
 from camnet.env.infos import EPISODE
 from camnet.errors import DataError
-from camnet.storage.whole_file import whole_file
+from camnet.training.checkpoint import read_checkpoint, write_checkpoint
 from camnet.training.environments import WorldRows, open_worlds, rule_on_rows
 from camnet.training.imitation import as_layers, collect, imitate
 from camnet.training.rows import JoinedRows, Normaliser, Rule
@@ -206,26 +206,30 @@ class _Run:
             "history": self.history,
             "imitation_error": self.imitation_error,
         }
-        with whole_file(self.folder / "checkpoint.pt") as temporary:
-            torch.save(content, temporary)
+        write_checkpoint(self.folder / "checkpoint.pt", content)
         save_policy(self.folder / "policy.npz", self.policy())
 
     def _restore(self) -> bool:
         path = self.folder / "checkpoint.pt"
-        if not path.is_file():
+        if not os.path.lexists(path):
             return False
-        try:
-            content = torch.load(path, weights_only=True)  # tensors and plain values only: nothing runs
-        except Exception as error:  # torch documents no narrower class
-            raise DataError(
-                f"checkpoint {path}: cannot be read ({error}); remove it to start anew"
-            ) from error
+        content = read_checkpoint(path)
         if content.get("digest") != self._digest():
             raise DataError(
                 f"checkpoint {path}: is of other settings, seed or version; give another --out or remove it"
             )
-        self.model.policy.load_state_dict(content["policy"])
-        self.model.policy.optimizer.load_state_dict(content["optimiser"])
+        if (
+            content["timesteps"] != content["chunk"] * self._chunk_rows
+            or len(content["history"]) != content["chunk"]
+        ):
+            raise DataError(f"checkpoint {path}: its chunks, steps and history do not fit together")
+        try:
+            self.model.policy.load_state_dict(content["policy"])
+            self.model.policy.optimizer.load_state_dict(content["optimiser"])
+        except (RuntimeError, ValueError, KeyError) as error:
+            raise DataError(
+                f"checkpoint {path}: its weights are not those of these settings ({error})"
+            ) from error
         self._use(Normaliser(content["mean"].numpy(), content["scale"].numpy()))
         self.chunk, self.history = content["chunk"], content["history"]
         self.model.num_timesteps, self.imitation_error = content["timesteps"], content["imitation_error"]

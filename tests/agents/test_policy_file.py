@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import pickle
 import zipfile
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from artefacts import rewritten
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -45,17 +45,6 @@ def archive(path: Path, members: dict[str, bytes]) -> Path:
     return path
 
 
-def npy(array: np.ndarray) -> bytes:
-    content = io.BytesIO()
-    np.save(content, array)
-    return content.getvalue()
-
-
-def header_member(**changes: object) -> bytes:
-    text = json.dumps({**make_net().header.model_dump(mode="json"), **changes})
-    return npy(np.frombuffer(text.encode(), dtype=np.uint8))
-
-
 def test_a_policy_comes_back_and_acts_as_before(tmp_path: Path) -> None:
     net = make_net()
     save_policy(tmp_path / "p.npz", net)
@@ -73,8 +62,10 @@ def test_a_pickle_inside_an_array_does_not_run(tmp_path: Path) -> None:
     trap[0] = Harm(tmp_path / "harmed")
     content = io.BytesIO()
     np.save(content, trap, allow_pickle=True)
+    header = io.BytesIO()
+    np.save(header, np.frombuffer(b"{}", dtype=np.uint8))
     for name in ("weight_0.npy", "header.npy"):
-        path = archive(tmp_path / "trap.npz", {"header.npy": header_member(), name: content.getvalue()})
+        path = archive(tmp_path / "trap.npz", {"header.npy": header.getvalue(), name: content.getvalue()})
         with pytest.raises(DataError, match=r"trap\.npz"):
             load_policy(path)
         assert not (tmp_path / "harmed").exists()
@@ -82,17 +73,10 @@ def test_a_pickle_inside_an_array_does_not_run(tmp_path: Path) -> None:
     assert (tmp_path / "harmed").exists()
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "no policy file"),
-        (b"not an archive", "no policy file"),
-        (pickle.dumps({"weights": [1]}), "no policy file"),
-    ],
-)
-def test_other_files_are_named_as_such(tmp_path: Path, content: bytes, words: str) -> None:
+@pytest.mark.parametrize("content", [b"", b"not an archive", pickle.dumps({"weights": [1]})])
+def test_other_files_are_named_as_such(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "p.npz").write_bytes(content)
-    with pytest.raises(DataError, match=words):
+    with pytest.raises(DataError, match=r"p\.npz: is not a readable archive"):
         load_policy(tmp_path / "p.npz")
 
 
@@ -104,20 +88,19 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"format": "other"}, "description is wrong"),
-        ({"version": 2}, "description is wrong"),
+        ({"format": "other"}, "format 'other'"),
+        ({"version": 1}, "version 1"),
         ({"run": "rm"}, "description is wrong"),
         ({"activation": "lambda x: x"}, "description is wrong"),
-        ({"features": ["a"]}, "layer 0 has shapes"),
+        ({"residual_scale": -1.0}, "description is wrong"),
+        ({"features": ["a"]}, "'mean' is float64"),
     ],
 )
 def test_wrong_descriptions_are_refused(tmp_path: Path, changes: dict[str, object], words: str) -> None:
-    net = make_net()
-    members = {"header.npy": header_member(**changes), "mean.npy": npy(net.mean), "scale.npy": npy(net.scale)}
-    for k in range(2):
-        members |= {f"weight_{k}.npy": npy(net.weights[k]), f"bias_{k}.npy": npy(net.biases[k])}
+    save_policy(tmp_path / "p.npz", make_net())
+    rewritten(tmp_path / "p.npz", lambda header, _: header.update(changes), seal=True)
     with pytest.raises(DataError, match=words):
-        load_policy(archive(tmp_path / "p.npz", members))
+        load_policy(tmp_path / "p.npz")
 
 
 def test_wrong_numbers_are_refused(tmp_path: Path) -> None:
@@ -130,14 +113,6 @@ def test_wrong_numbers_are_refused(tmp_path: Path) -> None:
         save_policy(tmp_path / "p.npz", broken)
         with pytest.raises(DataError):
             load_policy(tmp_path / "p.npz")
-
-
-def test_an_archive_that_would_swell_is_not_unpacked(tmp_path: Path) -> None:
-    bomb = npy(np.zeros(10_000_000))
-    path = archive(tmp_path / "p.npz", {"header.npy": header_member(), "mean.npy": bomb})
-    assert path.stat().st_size < 1_000_000
-    with pytest.raises(DataError, match="would unpack"):
-        load_policy(path)
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from artefacts import rewritten
 
 from camnet.errors import DataError
 from camnet.estimation.basis import RbfBasis
@@ -75,32 +76,32 @@ def test_models_of_other_kernels_or_forms_do_not_mix() -> None:
         install(_taught(0.0, 1.0), BASIS, learned)
 
 
-def _rewritten(path: Path, **changes: object) -> None:
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    header = json.loads(str(arrays["header"]))
-    for name, value in changes.items():
-        if name in header:
-            header[name] = value
-        elif value is None:
-            del arrays[name]
-        else:
-            arrays[name] = np.asarray(value)
-    arrays["header"] = np.array(json.dumps(header))
-    np.savez(path, **arrays)
+def _change(changes: dict) -> Callable[[dict, dict], None]:
+    def change(header: dict, arrays: dict) -> None:
+        for name, value in changes.items():
+            where = header if name in header else arrays
+            if value is None:
+                del where[name]
+            else:
+                where[name] = value
+
+    return change
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"version": 7}, "version 7"),
-        ({"format": "x"}, "expected format"),
+        ({"format": "x"}, "format 'x'"),
         ({"form": "x"}, "form 'x'"),
         ({"models": 0}, "models 0"),
         ({"models": 2}, "'rows_1' is missing"),
         ({"weights_0": None}, "'weights_0' is missing"),
         ({"weights_0": np.zeros((3, 8))}, "'weights_0' is float64"),
+        ({"models": True}, "models True"),
+        ({"heading_scale_m": 1}, "heading_scale_m 1"),
         ({"rows_0": np.full((60, BASIS.size), np.nan)}, "'rows_0' holds"),
+        ({"rows_0": np.zeros((60, BASIS.size), dtype=int)}, "'rows_0' is int64"),
         ({"increments_0": np.zeros((5, 8))}, "'increments_0' is"),
         ({"precision": np.zeros((BASIS.size, 2, 2))}, "no basis"),
     ],
@@ -108,14 +109,14 @@ def _rewritten(path: Path, **changes: object) -> None:
 def test_files_that_do_not_fit_are_refused_by_name(tmp_path: Path, changes: dict, words: str) -> None:
     path = tmp_path / "m.npz"
     save_models(path, [extract(_taught(0.0, 1.0), BASIS)])
-    _rewritten(path, **changes)
+    rewritten(path, _change(changes), seal=True)
     with pytest.raises(DataError, match=words):
         load_models(path)
 
 
 def test_damaged_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.npz"
-    with pytest.raises(DataError, match="no such file"):
+    with pytest.raises(DataError, match="No such file"):
         load_models(path)
     save_models(path, [extract(_taught(0.0, 1.0), BASIS)])
     whole = path.read_bytes()
@@ -132,7 +133,15 @@ def test_damaged_files_are_refused(tmp_path: Path) -> None:
         with pytest.raises(DataError, match=r"m\.npz"):
             load_models(path)
     np.savez(path, a=np.zeros(3))
-    with pytest.raises(DataError, match="no JSON header"):
+    with pytest.raises(DataError, match="no header"):
         load_models(path)
     with pytest.raises(DataError, match="no models"):
         save_models(path, [])
+
+
+def test_weights_beyond_the_projection_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.npz"
+    save_models(path, [extract(_taught(0.0, 1.0), BASIS)])
+    rewritten(path, lambda _, arrays: arrays.update(weights_0=1e3 * arrays["weights_0"]), seal=True)
+    with pytest.raises(DataError, match="weight_bound"):
+        install(MotionModel(EstimatorSettings(), BASIS.size, 1 / 30), BASIS, load_models(path)[0])

@@ -19,7 +19,14 @@ from camnet.estimation.ukf import ConstantVelocityUKF
 from camnet.experiments.motion_learning import interval, print_table, run
 from camnet.experiments.motion_learning_published import PublishedEstimator, published_basis
 from camnet.experiments.motion_learning_rows import ROWS, Trace, build_rows, follow, score
-from camnet.experiments.motion_learning_runs import digest, image_noise, run_seed, run_seeds
+from camnet.experiments.motion_learning_runs import (
+    _kept,
+    digest,
+    image_noise,
+    run_seed,
+    run_seeds,
+    trace_file,
+)
 from camnet.experiments.motion_learning_scene import (
     Recording,
     SceneSettings,
@@ -30,6 +37,8 @@ from camnet.experiments.motion_learning_scene import (
 from camnet.geometry import rotations
 from camnet.motion.factory import build_motion
 from camnet.motion.settings import TargetSettings, VectorFieldTarget
+from camnet.storage.seal import seal_of
+from camnet.storage.whole_file import write_json
 from camnet.types import CameraMotion, PoseMeasurement
 
 RATE = 60.0
@@ -192,9 +201,25 @@ def test_seeds_are_kept_and_taken_up_again(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("camnet.experiments.motion_learning_runs.score", lambda r, t: score(r, t, 1.0))
     first = run_seeds([5], SHORT, tmp_path, None)
     kept = tmp_path / "seed-5.json"
-    assert json.loads(kept.read_text()) == first[0]
-    kept.write_text(json.dumps({"mark": 1}))
-    assert run_seed(5, SHORT, tmp_path, keep_trace=True) == {"mark": 1}
+    content = json.loads(kept.read_text())
+    seal = content.pop("seal")
+    assert content == first[0]
+    marked = {"seed": 5, "mark": 1}
+    write_json(kept, {**marked, "seal": seal_of(marked)})
+    assert run_seed(5, SHORT, tmp_path, keep_trace=True) == marked
+    for damage in (
+        {**marked, "seal": seal},
+        marked,
+        {**marked, "seed": 6, "seal": seal_of({**marked, "seed": 6})},
+    ):
+        write_json(kept, damage)
+        assert _kept(tmp_path, 5, True) is None
+    write_json(kept, {**content, "seal": seal})
+    assert _kept(tmp_path, 5, True) == content
+    trace = trace_file(tmp_path, 5)
+    trace.write_bytes(trace.read_bytes()[:-50])
+    assert _kept(tmp_path, 5, True) is None
+    assert _kept(tmp_path, 5, False) == content
     assert digest(SHORT) != digest(SceneSettings())
     assert digest(SHORT) == digest(SceneSettings(**SHORT.model_dump()))
 
