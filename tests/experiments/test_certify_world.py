@@ -140,7 +140,7 @@ def test_models_are_saved_and_wrong_ones_refused(certified_world, tmp_path):
     again = load_model(tmp_path / "model.npz")
     np.testing.assert_array_equal(again.weights, model.weights)
     (tmp_path / "no.npz").write_text("x")
-    with pytest.raises(DataError, match="not a learned model"):
+    with pytest.raises(DataError, match="writes learned models"):
         load_model(tmp_path / "no.npz")
     fewer = LearnedModel(model.centres, model.precision, model.weights[:2], model.path, model.gaps)
     with pytest.raises(CertificateError, match="learn it again"):
