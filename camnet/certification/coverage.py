@@ -7,9 +7,10 @@ r"""Which stretches of road each camera sees: exact intervals, occluders include
 
 A place of a piece is in view where every line of it is, so that no target passes the cross-section unseen.
 
-A convex view cuts a straight piece in one interval. An occluder's shadow does too: c + lambda (p(s) - c) is inside
-the occluder for some lambda in (0, 1]; with m = lambda s that is a convex polygon in (lambda, m), whose corners hold
-the extremes of s = m / lambda (docs/theory.md, section 9). Pairs of cameras and pieces come from an STR-tree.
+A convex view cuts a straight piece in one interval, and so does an occluder's shadow, a convex polygon in the targets'
+plane (``shadows``). ``hidden_interval`` finds that of a single point another way: c + lambda (p(s) - c) is inside the
+occluder for some lambda in (0, 1]; with m = lambda s that is a convex polygon in (lambda, m), whose corners
+hold the extremes of s = m / lambda (docs/theory.md, section 9). Pairs of cameras and pieces come from an STR-tree.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 import shapely
 
 from camnet.certification.road_arcs import RoadArcs
+from camnet.certification.shadows import shadow_polygon
 from camnet.errors import CertificateError
 from camnet.types import Array, IntArray
 
@@ -99,7 +101,7 @@ def cover_roads(
     roads, views : the network and the cameras
     height_m : height of the target's reference point above the plane z = 0, m
     extent_m : radius of the ball about it that must be in view, m
-    occluders : convex polytopes (B, c), B x <= c with unit normals; each is grown by the extent, which is cautious
+    occluders : convex polytopes (B, c), B x <= c with unit normals; their shadows are grown by the extent
     """
     camera, piece = _near_pairs(roads, views, extent_m)
     lines = np.diff(roads.line_ptr)[piece]
@@ -130,10 +132,9 @@ def _cover(
     seen = high > low + _CONTACT_M
     camera, piece = camera[seen], piece[seen]
     low, high, spare, slope = low[seen], high[seen], spare[seen], slope[seen]
-    for normals, limits in occluders:
-        grown = (normals, limits + extent_m)
+    for occluder in occluders:
         camera, piece, low, high, keep = _subtract_shadow(
-            roads, views, height_m, grown, camera, piece, low, high
+            roads, views, height_m, extent_m, occluder, camera, piece, low, high
         )
         spare, slope = spare[keep], slope[keep]
     spare, slope = _in_plane(views, camera, spare, slope)
@@ -229,6 +230,7 @@ def _subtract_shadow(
     roads: RoadArcs,
     views: Views,
     height_m: float,
+    extent_m: float,
     occluder: tuple[Array, Array],
     camera: IntArray,
     piece: IntArray,
@@ -238,19 +240,24 @@ def _subtract_shadow(
     """Cut an occluder's shadow out of the intervals; the last result numbers the rows that the new ones come from."""
     rows: list[tuple[int, float, float]] = []
     lines = _lines(roads, piece)
+    dark = {
+        c: shadow_polygon(views.position[c], *occluder, height_m, extent_m)
+        for c in np.unique(camera).tolist()
+    }
     for k in range(len(camera)):
-        eye = views.position[camera[k]]
         parts = [(float(low[k]), float(high[k]))]
         for line in lines[k].tolist():
-            start = np.array([*roads.line_start_xy[line], height_m])
-            direction = np.array([*roads.line_direction_xy[line], 0.0])
-            dark = hidden_interval(eye, start, direction, float(high[k]), *occluder)
-            if dark is not None:
-                parts = [
-                    part for a, b in parts for part in ((a, min(b, dark[0])), (max(a, dark[1]), b))
-                    if part[1] - part[0] > _CONTACT_M
-                ]  # fmt: skip
-        rows += [(k, a, b) for a, b in parts]
+            ends = roads.line_start_xy[line] + np.array([[0.0], [high[k]]]) * roads.line_direction_xy[line]
+            hidden = shapely.intersection(shapely.LineString(ends), dark[int(camera[k])])
+            if hidden.is_empty:
+                continue
+            along = (shapely.get_coordinates(hidden) - ends[0]) @ (ends[1] - ends[0]) * high[k]
+            along = along / max(float(((ends[1] - ends[0]) ** 2).sum()), _CONTACT_M**2)
+            parts = [
+                part for a, b in parts for part in ((a, min(b, along.min())), (max(a, along.max()), b))
+                if part[1] - part[0] > _CONTACT_M
+            ]  # fmt: skip
+        rows += [(k, float(a), float(b)) for a, b in parts]
     keep = np.array([r[0] for r in rows], dtype=np.int64)
     return camera[keep], piece[keep], np.array([r[1] for r in rows]), np.array([r[2] for r in rows]), keep
 

@@ -21,8 +21,9 @@ import numpy as np
 import shapely
 
 from camnet.certification.coverage import Views, clip_polygon
-from camnet.certification.planar_shapes import PolygonView, inscribed_radius, shadow_polygon
+from camnet.certification.planar_shapes import PolygonView, inscribed_radius
 from camnet.certification.reachable import PlanarView, planar_view
+from camnet.certification.shadows import shadow_polygon
 from camnet.certification.transitions import GrowthModel
 from camnet.certification.verdict import theorem_31
 from camnet.geometry.polytope import largest_ball

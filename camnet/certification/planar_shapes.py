@@ -4,11 +4,8 @@ r"""Views and regions in the targets' plane that are not convex: operating regio
 | --- | --- | --- |
 | V | ``PolygonView`` | polygon, possibly in parts and with holes |
 | depth(p) | ``depth`` | distance from p to the border of V, negative outside: the largest disc about p |
-| S | ``shadow_polygon`` | what a convex occluder hides of a plane from an eye beside it |
 
-The line of sight from the eye e to p = (x, y, h) meets an occluder at heights between h and the eye's. Its part there,
-seen from e, covers the convex hull of its corners' projections, and that is the shadow. An occluder grown by the
-target's extent hides more than the target's ball could lose, which is cautious.
+What occluders hide is in ``shadows``; here they are cut into convex solids, none of them smaller than the occluder.
 """
 
 from __future__ import annotations
@@ -19,20 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
-from scipy.spatial import HalfspaceIntersection
 
 from camnet.certification.coverage import Coverage
 from camnet.certification.road_arcs import RoadArcs
-from camnet.geometry.polytope import largest_ball
-from camnet.geometry.regions import PolytopeRegion, Region
+from camnet.geometry.regions import CylinderRegion, PolytopeRegion, Region
 from camnet.types import Array
 
-__all__ = ["PolygonView", "convex_solids", "cover_regions", "inscribed_radius", "shadow_polygon"]
+__all__ = ["PolygonView", "convex_solids", "cover_regions", "inscribed_radius"]
 
 #: arcs of eroded outlines are polygons of this many pieces a quarter turn
 _QUARTER = 16
-#: an occluder that reaches the eye's height is cut this far (m) below it
-_BELOW_EYE_M = 1e-3
 #: what is thinner than this (m) is contact
 _CONTACT_M = 1e-9
 #: places at which the room beside a stretch of road is measured
@@ -70,10 +63,16 @@ def inscribed_radius(view: PolygonView) -> float:
 
 
 def convex_solids(region: Region) -> list[tuple[Array, Array]]:
-    """Return a solid as convex parts (B, c), B x <= c with unit normals; triangles where its outline is not convex."""
+    """Return a solid as convex parts (B, c), B x <= c with unit normals; triangles where its outline is not convex.
+
+    A cylinder is the prism about it, 0.12 % of its radius larger: nothing that it hides counts as seen.
+    """
     if isinstance(region, PolytopeRegion):
         return [(np.asarray(region.A), np.asarray(region.b))]
-    outline = shapely.Polygon(region.footprint())
+    corners = region.footprint()
+    if isinstance(region, CylinderRegion):
+        corners = region.center[:2] + (corners - region.center[:2]) / np.cos(np.pi / len(corners))
+    outline = shapely.Polygon(corners)
     if outline.convex_hull.area <= outline.area * (1.0 + 1e-9):
         cells = [outline]
     else:
@@ -87,43 +86,6 @@ def _upright(cell: shapely.Polygon, low: float, high: float) -> tuple[Array, Arr
     normals = np.c_[along[:, 1], -along[:, 0]] / np.linalg.norm(along, axis=1, keepdims=True)
     a = np.r_[np.c_[normals, np.zeros(len(normals))], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]]
     return a, np.r_[np.einsum("fi,fi->f", normals, corners[:-1]), -low, high]
-
-
-def shadow_polygon(
-    eye: Array, normals: Array, limits: Array, height_m: float, extent_m: float, reach_m: float = 1e4
-) -> shapely.Geometry:
-    """Return what a convex occluder hides of the plane z = ``height_m`` from an eye above or below it.
-
-    Parameters
-    ----------
-    eye : (3,) optical centre, m
-    normals, limits : (F, 3), (F,) occluder, B x <= c
-    height_m : height of the targets' reference points, m
-    extent_m : radius of the targets' extent, m
-    reach_m : shadows are cut this far from the eye; it must be beyond the camera's range
-    """
-    if eye[2] < height_m:  # seen in the mirror of the plane
-        normals, limits = normals * np.array([1.0, 1.0, -1.0]), limits - 2.0 * height_m * normals[:, 2]
-        eye = np.array([eye[0], eye[1], 2.0 * height_m - eye[2]])
-    grown = limits + extent_m
-    top = float(eye[2]) - _BELOW_EYE_M
-    level = (
-        top - height_m < _BELOW_EYE_M
-    )  # an eye in the plane: what lies behind cannot be told by a projection
-    if level or (normals @ eye <= grown).all():  # or inside the occluder: nothing can be seen
-        return shapely.Point(eye[:2]).buffer(reach_m)
-    a = np.r_[normals, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]
-    b = np.r_[grown, top, -height_m]
-    inside, room = largest_ball(a, b)
-    if not room > _CONTACT_M:
-        return shapely.Polygon()
-    corners = HalfspaceIntersection(np.c_[a, -b], inside).intersections
-    ratio = (eye[2] - height_m) / (eye[2] - corners[:, 2])
-    cast = eye[:2] + (corners[:, :2] - eye[:2]) * ratio[:, None]
-    away = np.linalg.norm(cast - eye[:2], axis=1, keepdims=True)
-    far = away > reach_m * 1e3  # corners at the eye's height cast to infinity; keep their direction
-    cast = np.where(far, eye[:2] + (cast - eye[:2]) / np.maximum(away, 1e-12) * reach_m * 1e3, cast)
-    return shapely.MultiPoint(cast).convex_hull
 
 
 def cover_regions(

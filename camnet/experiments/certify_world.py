@@ -132,6 +132,9 @@ def _complete(network: Network, parts: dict[str, Certified]) -> Certified:
         estimate["sound"] |= {k: dwell["sound"][k] for k in ("verdict", "reason")}
     elif estimate["sound"]["verdict"] == "unsatisfiable":
         estimate["sound"]["reason"] = dwell["sound"]["reason"]
+    if not promise.enough and "learned" in estimate:  # the meeting of agent and target is part of it
+        reason = f"it holds for {promise.served} target at a time, {promise.at_once} at once were asked for; "
+        estimate["learned"] |= {"verdict": "not certified", "reason": reason + estimate["learned"]["reason"]}
     order = {name: estimate[name] for name in ("published", "sound", "learned") if name in estimate}
     content = {
         "network": {

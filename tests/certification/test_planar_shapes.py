@@ -13,10 +13,10 @@ from camnet.certification.planar_shapes import (
     convex_solids,
     cover_regions,
     inscribed_radius,
-    shadow_polygon,
 )
 from camnet.certification.reachable import FreeReach, PlanarView
 from camnet.certification.road_arcs import arcs_from_roads
+from camnet.certification.shadows import shadow_polygon
 from camnet.geometry.regions import build_region
 from camnet.geometry.settings import Box, ExtrudedPolygon
 
@@ -24,23 +24,65 @@ L_SHAPE = np.array([[0.0, 0], [6, 0], [6, 2], [2, 2], [2, 6], [0, 6]])
 BOX = build_region("box", Box(type="box", min_m=(1.0, -1.0, 0.0), max_m=(2.0, 1.0, 1.5)))
 
 
-def hits(eye, point, solids, extent):
-    """Whether the line of sight meets a solid grown by the extent, on a fine grid along it."""
+def hits(eye, point, solids):
+    """Whether the line of sight meets a solid, on a fine grid along it."""
     x = eye + np.linspace(0.0, 1.0, 4001)[:, None] * (point - eye)
-    return any((x @ a.T <= c + extent).all(axis=1).any() for a, c in solids)
+    return any((x @ a.T <= c).all(axis=1).any() for a, c in solids)
+
+
+def about(point, radius, half_height, count, rng):
+    """Points of an upright cylinder about a point, its rims included."""
+    angle, share = rng.uniform(0, 2 * np.pi, count), np.sqrt(rng.uniform(0, 1, count))
+    share[: count // 2] = 1.0
+    z = rng.uniform(-half_height, half_height, count)
+    return point + np.c_[radius * share * np.cos(angle), radius * share * np.sin(angle), z]
 
 
 @pytest.mark.parametrize("eye", [(0.0, 0.0, 4.0), (-3.0, 1.0, 1.2), (1.5, 0.2, 5.0), (0.0, 0.0, -4.0)])
-@pytest.mark.parametrize("extent", [0.0, 0.2])
-def test_shadow_is_what_rays_cannot_reach(eye, extent):
-    eye = np.array(eye)
+def test_shadow_is_what_rays_cannot_reach(eye):
+    eye, extent = np.array(eye), 0.0
     solids = convex_solids(BOX)
     dark = shapely.union_all([shadow_polygon(eye, a, c, 0.1, extent) for a, c in solids])
     rng = np.random.default_rng(0)
     for p in rng.uniform((-1, -3), (9, 3), (150, 2)):
         if shapely.distance(dark.boundary, shapely.Point(p)) < 0.01:
             continue  # the grid along the ray cannot tell
-        assert dark.contains(shapely.Point(p)) == hits(eye, np.array([*p, 0.1]), solids, extent)
+        assert dark.contains(shapely.Point(p)) == hits(eye, np.array([*p, 0.1]), solids)
+
+
+@pytest.mark.parametrize("eye", [(0.0, 0.0, 4.0), (-3.0, 1.0, 1.2), (1.5, 0.2, 5.0), (1.0, 0.3, 1.2)])
+def test_the_shadow_is_widened_and_not_the_occluder(eye):
+    """No part of a target outside is hidden; inside, of one grown a little some is. The last eye is on the occluder."""
+    eye, extent, rng = np.array(eye), 0.2, np.random.default_rng(0)
+    a, c = convex_solids(BOX)[0]
+    dark = shadow_polygon(eye, a, c, 0.1, extent)
+    outside = 0
+    for p in rng.uniform((-1, -3), (9, 3), (60, 2)):
+        place, centre = shapely.Point(p), np.array([*p, 0.1])
+        ball = about(centre, extent, extent, 60, rng)
+        ball = (
+            centre
+            + (ball - centre) * np.minimum(1.0, extent / np.linalg.norm(ball - centre, axis=1))[:, None]
+        )
+        if not dark.contains(place):
+            outside += 1
+            assert not any(hits(eye + 1e-6 * (q - eye), q, [(a, c)]) for q in ball)
+        elif shapely.distance(dark.boundary, place) > 0.05:
+            nearest = about(centre, 1.3 * extent, extent, 200, rng)
+            assert any(hits(eye, q, [(a, c)]) for q in nearest)
+    assert outside > 5
+
+
+def test_a_camera_on_a_wall_sees_up_to_the_wall():
+    a, c = convex_solids(BOX)[0]
+    eye = np.array([1.0, 0.0, 1.2])  # on the face x = 1, looking towards smaller x
+    dark = shadow_polygon(eye, a, c, 0.0, 0.3)
+    assert dark.contains(shapely.Point(0.75, 0.0))
+    for x in (0.69, 0.0, -5.0):
+        assert not dark.intersects(shapely.Point(x, 0.0))
+    assert shadow_polygon(eye + np.array([1e-3, 0, 0]), a, c, 0.0, 0.3).contains(
+        shapely.Point(-5.0, 0.0)
+    )  # within it: nothing
 
 
 def test_an_eye_inside_or_level_with_the_plane_sees_nothing_for_certain():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -293,3 +294,27 @@ def test_an_occluder_takes_its_shadow_from_the_certificate(certified_world):
     rows = [t for t in after if t["from"] == "east" and "learned" in t]
     assert rows
     assert all(t["learned"]["margin_m"] <= margin["east"] + 1e-9 for t in rows)
+
+
+def test_eight_robots_are_more_than_four_agents_serve():
+    """The model of one robot serves each of the eight, which are of its class; an agent follows one at a time."""
+    world = Path(__file__).parents[1] / "certification" / "data" / "eight.yaml"
+    scenario = load_scenario(world)
+    first = scenario.targets[0]
+    alone = scenario.model_copy(update={"targets": (first,)})
+    model = fitted_model(build_network(alone))
+    models = {target.name: model for target in scenario.targets[:2]}
+    pair = scenario.model_copy(update={"targets": scenario.targets[:2]})
+    report = certify_world(pair, models, find_largest=False, at_once=8).report
+    promise = report["promise"]
+    assert (promise["targets_at_once"], promise["targets_served"]) == (8, 1)
+    assert report["claims"]["unseen"]["verdict"] == "not certified"
+    assert report["claims"]["estimate"]["learned"]["verdict"] == "not certified"
+    assert "8 targets at once" in promise["reasons"][-1]
+    one = certify_world(alone, model, find_largest=False).report
+    assert (
+        one["claims"]["unseen"]["verdict"] == one["claims"]["estimate"]["learned"]["verdict"] == "certified"
+    )
+    assert one["promise"]["targets_served"] == 1
+    assert 4.0 < one["promise"]["unseen_max_s"] < 10.0
+    assert one["promise"]["into_first_view"] is not None
