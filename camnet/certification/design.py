@@ -1,41 +1,43 @@
 r"""The fewest cameras that certify a road network, with a lower bound (the smallest repairs: ``repairs``).
 
-Placement is a hitting-set problem: every unseen way longer than L = v_lo Dt_off must be broken by a camera that sees a
-stretch of it for at least v_max Dt_on. There are too many ways to list, so they are added as they are found:
+Placement is a hitting-set problem: every unseen way longer than the limit L must be broken by a camera that sees a
+stretch of it. There are too many ways to list, so they are added as they are found (``way_search``), in three stages:
 
-1. the least-cost set of candidates that hits all ways known so far (integer programme, HiGHS through scipy);
-2. if the certifier finds an unseen way longer than L with this set, add it and repeat; else the set is certified.
+1. greedy: the least-cost choice for the ways known so far, more ways where the certifier finds unseen ones longer than
+   L, until it finds none: a certified set;
+2. neighbourhoods: all cameras of one neighbourhood are chosen anew by an integer programme, the others stay; kept where
+   it costs less and is certified;
+3. bound: the integer programme over all ways known so far (HiGHS through scipy). It has only some constraints of the
+   whole problem, so its bound is a lower bound of the optimum; where its solution is certified, it is the optimum.
 
-Every integer programme has only some constraints of the whole problem: its bound is a lower bound of the optimum, and
-the set found is optimal when the programme was solved exactly. Above ``exact_limit`` candidates a greedy set with
-local search is returned, with the linear programme's value as its lower bound.
+Above ``exact_limit`` candidates the bound is that of the linear programme.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_matrix
 
 from camnet.certification.coverage import Coverage
+from camnet.certification.hitting_set import HittingSet
 from camnet.certification.repairs import Repair, smallest_repairs
 from camnet.certification.road_arcs import RoadArcs
-from camnet.certification.road_gaps import merge_coverage
-from camnet.certification.road_gaps_kernel import merge_intervals
-from camnet.certification.transitions import RoadTargetClass
+from camnet.certification.way_search import Way, WaySearch, usable_coverage
 from camnet.errors import CertificateError
-from camnet.types import Array, BoolArray, IntArray
+from camnet.types import Array, IntArray
 
-__all__ = ["Placement", "Repair", "place_cameras", "smallest_repairs", "unseen_way", "usable_coverage"]
+__all__ = ["Placement", "Repair", "place_cameras", "smallest_repairs", "usable_coverage"]
 
-#: stretches closer than this (m) are one
-_TOUCH_M = 1e-6
-#: part of an arc: arc, from, to (m)
-Way = tuple[tuple[int, float, float], ...]
+#: share of the time limit for the second stage, and of the candidates that one neighbourhood holds
+_IMPROVE_SHARE, _NEIGHBOURS = 0.45, 0.25
+#: fewest candidates of a neighbourhood, most candidates, and the longest time for it, s
+_LEAST_NEIGHBOURS, _MOST_NEIGHBOURS, _NEIGHBOURHOOD_S = 20, 200, 5.0
+#: neighbourhoods in a row without a gain after which the second stage ends
+_PATIENCE = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,84 +82,18 @@ class Placement:
         }
 
 
-def usable_coverage(roads: RoadArcs, coverage: Coverage, least_m: float) -> Coverage:
-    """Join each camera's view over the pieces of an arc, and keep stretches of at least ``least_m``."""
-    c = coverage
-    o = np.lexsort((c.start_m, c.arc, c.camera))
-    key, camera, _, start, end, depth, at, n = merge_intervals(
-        (c.camera * roads.n_arcs + c.arc)[o],
-        c.camera[o],
-        c.start_m[o],
-        c.end_m[o],
-        c.depth_m[o],
-        c.deepest_m[o],
-        _TOUCH_M,
-    )
-    joined = Coverage(key[:n] % roads.n_arcs, camera[:n], start[:n], end[:n], depth[:n], at[:n])
-    kept = _rows(joined, joined.end_m - joined.start_m >= least_m)
-    return _rows(kept, np.lexsort((kept.start_m, kept.arc)))
-
-
-def _rows(c: Coverage, keep: BoolArray | IntArray) -> Coverage:
-    return Coverage(
-        c.arc[keep], c.camera[keep], c.start_m[keep], c.end_m[keep], c.depth_m[keep], c.deepest_m[keep]
-    )
-
-
-def unseen_way(
-    roads: RoadArcs, coverage: Coverage, limit_m: float, start_arc: int, start_m: float
-) -> Way | None:
-    """Find an unseen way of length ``limit_m`` from a point by depth-first search; None if every way is seen before.
-
-    A way that ends sooner, where the network ends, is no violation: the target is gone. A state is an arc's start
-    reached after a length; one that was reached before after at least as long a way cannot lead further.
-    """
-    ptr, start, end = _by_arc(roads, coverage)
-    best = np.full(roads.n_arcs, -1.0)
-    stack: list[tuple[int, float, float, Way]] = [(start_arc, start_m, 0.0, ())]
-    while stack:
-        arc, s, travelled, way = stack.pop()
-        rows = slice(ptr[arc], ptr[arc + 1])
-        later = start[rows][end[rows] > s + 1e-9]
-        stop = max(float(later.min()), s) if len(later) else float(roads.length_m[arc])
-        reach = travelled + stop - s
-        part = (*way, (arc, s, min(stop, s + limit_m - travelled))) if stop > s else way
-        if reach > limit_m + 1e-6:
-            return part
-        if len(later):
-            continue
-        for nxt in roads.successor[roads.successor_ptr[arc] : roads.successor_ptr[arc + 1]].tolist():
-            if reach > best[nxt] + 1e-9:
-                best[nxt] = reach
-                stack.append((nxt, 0.0, reach, part))
-    return None
-
-
-def _by_arc(roads: RoadArcs, coverage: Coverage) -> tuple[IntArray, Array, Array]:
-    ptr = np.searchsorted(coverage.arc, np.arange(roads.n_arcs + 1)).astype(np.int64)
-    return ptr, coverage.start_m, coverage.end_m
-
-
-def _violations(roads: RoadArcs, coverage: Coverage, limit_m: float) -> list[Way]:
-    """One unseen way longer than the limit for each place where one can begin: ends of views and starts of arcs."""
-    starts = [(arc, 0.0) for arc in range(roads.n_arcs)]
-    if len(coverage.arc):
-        seen = merge_coverage(roads, coverage)
-        starts += list(zip(seen.arc.tolist(), seen.end_m.tolist(), strict=True))
-    ways = (unseen_way(roads, coverage, limit_m, arc, s) for arc, s in starts)
-    return [way for way in ways if way]
-
-
 def place_cameras(
     roads: RoadArcs,
     candidates: Coverage,
     n_candidates: int,
-    target: RoadTargetClass,
-    off_max_s: float,
-    on_min_s: float = 0.0,
+    limit_m: float,
+    least_view_m: float = 0.0,
     costs: Array | None = None,
-    exact_limit: int = 1000,
+    *,
+    exact_limit: int = 3000,
     time_limit_s: float = 60.0,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> Placement:
     """Choose the cheapest certified set of candidate cameras.
 
@@ -165,115 +101,149 @@ def place_cameras(
     ----------
     roads : the network to certify
     candidates : what each candidate sees (``cover_roads`` of all of them), cameras 0 .. n_candidates - 1
-    target : class of the targets
-    off_max_s, on_min_s : dwell times
-    costs : (n_candidates,) cost of each; None: one each, so that the number is minimised
-    exact_limit : integer programming up to this many candidates, greedy with local search beyond
-    time_limit_s : for all programmes together
+    limit_m : longest unseen way allowed, m
+    least_view_m : stretches in view that are shorter do not count, m
+    costs : (n_candidates,) cost of each, positive; None: one each, so that the number is minimised
+    exact_limit : lower bound by integer programming up to this many candidates, by linear programming beyond
+    time_limit_s : for improvement and bound; a first certified set is found whatever it takes
+    seed : of the neighbourhoods' order
+    progress : called with the share of the time that is spent
 
     Raises
     ------
     CertificateError
         if not even all candidates together certify the network.
     """
-    begun = time.perf_counter()
     weight = np.ones(n_candidates) if costs is None else np.asarray(costs, dtype=float)
-    usable = usable_coverage(roads, candidates, target.v_max_mps * on_min_s)
-    limit = target.v_lo_mps * off_max_s
-    stuck = _violations(roads, usable, limit)
-    if stuck:
-        arc, s, _ = stuck[0][0]
-        raise CertificateError(
-            f"all {n_candidates} candidates together leave an unseen way longer than {limit:.4g} m "
-            f"from {s:.4g} m along road {arc}: add candidates there or allow a longer time out of view"
-        )
-    problem = _Hitting(roads, usable, n_candidates, weight)
-    exact = n_candidates <= exact_limit
-    chosen, lower, rounds = np.array([], dtype=np.int64), 0.0, 0
-    while True:
-        found = _violations(roads, _of(usable, chosen), limit)
-        if not found or time.perf_counter() - begun > time_limit_s:
-            break
-        problem.add(found)
-        rounds += 1
-        left = max(1.0, time_limit_s - (time.perf_counter() - begun))
-        chosen, bound = problem.solve(left) if exact else problem.approximate()
-        lower = max(lower, bound)
-    chosen = _prune(roads, usable, chosen, weight, limit) if not found else np.arange(n_candidates)
-    cost = float(weight[chosen].sum())
-    if np.allclose(weight, np.round(weight)):
-        lower = math.ceil(lower - 1e-6)
+    search = _Search(roads, usable_coverage(roads, candidates, least_view_m), weight, limit_m, progress)
+    search.check(n_candidates)
+    search.first()
+    search.improve(_IMPROVE_SHARE * time_limit_s, np.random.default_rng(seed))
+    search.bound(time_limit_s, exact=n_candidates <= exact_limit)
+    cost = float(weight[search.best].sum())
     return Placement(
-        chosen,
-        cost,
-        lower,
-        True,
-        cost <= lower + 1e-6,
-        rounds,
-        len(problem.ways),
-        time.perf_counter() - begun,
+        chosen=search.best,
+        cost=cost,
+        lower_bound=search.lower,
+        certified=True,
+        optimal=cost <= search.lower + 1e-6,
+        rounds=search.rounds,
+        ways=len(search.problem.rows),
+        seconds=search.spent(),
     )
 
 
-def _of(coverage: Coverage, chosen: IntArray) -> Coverage:
-    return _rows(coverage, np.isin(coverage.camera, chosen))
+class _Search:
+    """State of one placement: known ways, best certified set, lower bound."""
 
+    def __init__(
+        self,
+        roads: RoadArcs,
+        usable: Coverage,
+        weight: Array,
+        limit_m: float,
+        progress: Callable[[float], None] | None,
+    ) -> None:
+        self._begun = time.perf_counter()
+        self._usable, self._weight, self._progress = usable, weight, progress
+        self._search = WaySearch(roads, usable, limit_m)
+        self._whole_costs = bool(np.allclose(weight, np.round(weight)))
+        self.problem = HittingSet(weight)
+        self.best: IntArray = np.array([], dtype=np.int64)
+        self.lower, self.rounds = 0.0, 0
+        self._places = np.full((len(weight), 2), np.inf)
+        for row in range(len(usable.arc) - 1, -1, -1):
+            middle = 0.5 * (float(usable.start_m[row]) + float(usable.end_m[row]))
+            self._places[usable.camera[row]] = roads.position(int(usable.arc[row]), middle)
 
-def _prune(roads: RoadArcs, usable: Coverage, chosen: IntArray, weight: Array, limit_m: float) -> IntArray:
-    """Drop cameras that are not needed, the dearest first."""
-    for camera in chosen[np.argsort(-weight[chosen], kind="stable")].tolist():
-        fewer = chosen[chosen != camera]
-        if not _violations(roads, _of(usable, fewer), limit_m):
-            chosen = fewer
-    return np.sort(chosen)
+    def spent(self) -> float:
+        """Return the time since the beginning, s."""
+        return time.perf_counter() - self._begun
 
+    def _cost(self, chosen: IntArray) -> float:
+        return float(self._weight[chosen].sum())
 
-class _Hitting:
-    """Hitting-set problem that grows: each way is a row, each candidate that sees part of it a column."""
+    def _learn(self, ways: list[Way]) -> None:
+        self.problem.add(self._search.cameras_on(way) for way in ways)
+        self.rounds += 1
 
-    def __init__(self, roads: RoadArcs, usable: Coverage, n: int, weight: Array) -> None:
-        self._usable, self._n, self._weight = usable, n, weight
-        self._ptr, _, _ = _by_arc(roads, usable)
-        self.ways: set[tuple[int, ...]] = set()
+    def check(self, n: int) -> None:
+        """Refuse a problem that all candidates together do not solve."""
+        stuck = self._search.violations(np.arange(n))
+        if stuck:
+            arc, s, _ = stuck[0][0]
+            raise CertificateError(
+                f"all {n} candidates together leave an unseen way longer than {self._search.limit_m:.4g} m "
+                f"from {s:.4g} m along road {arc}: add candidates there, give them larger views (the whole width of a "
+                "road must fit one view), or allow a longer way out of view"
+            )
 
-    def add(self, ways: list[Way]) -> None:
-        """Add the candidates that break each way."""
-        for way in ways:
-            hit: set[int] = set()
-            for arc, a, b in way:
-                rows = slice(self._ptr[arc], self._ptr[arc + 1])
-                meets = (self._usable.start_m[rows] < b - 1e-9) & (self._usable.end_m[rows] > a + 1e-9)
-                hit.update(self._usable.camera[rows][meets].tolist())
-            self.ways.add(tuple(sorted(hit)))
+    def first(self) -> None:
+        """Find a certified set."""
+        self.best = self._repaired(self.best)
 
-    def _matrix(self) -> csr_matrix:
-        rows = list(self.ways)
-        ptr = np.cumsum([0, *(len(row) for row in rows)])
-        columns = np.fromiter((c for row in rows for c in row), dtype=np.int64, count=int(ptr[-1]))
-        return csr_matrix((np.ones(len(columns)), columns, ptr), shape=(len(rows), self._n))
+    def _repaired(self, chosen: IntArray) -> IntArray:
+        """Add candidates to a set until it is certified, then drop those that are not needed, the dearest first."""
+        while ways := self._search.violations(chosen):
+            self._learn(ways)
+            chosen = self.problem.greedy(chosen.tolist())
+        for camera in chosen[np.argsort(-self._weight[chosen], kind="stable")].tolist():
+            fewer = chosen[chosen != camera]
+            if not self._search.violations(fewer):
+                chosen = fewer
+        return chosen
 
-    def solve(self, time_limit_s: float) -> tuple[IntArray, float]:
-        """Return an optimal hitting set and the programme's lower bound."""
-        result = milp(
-            self._weight,
-            integrality=np.ones(self._n, dtype=np.int64),
-            bounds=Bounds(0, 1),
-            constraints=LinearConstraint(self._matrix(), lb=1.0),
-            options={"time_limit": time_limit_s},
-        )
-        if result.x is None:
-            return self.approximate()
-        return np.flatnonzero(result.x > 0.5), float(result.mip_dual_bound)
+    def improve(self, until_s: float, rng: np.random.Generator) -> None:
+        """Choose the cameras of neighbourhoods anew as long as that helps."""
+        n = len(self._weight)
+        size = min(n, max(_LEAST_NEIGHBOURS, min(_MOST_NEIGHBOURS, round(_NEIGHBOURS * n))))
+        idle = 0
+        while idle < (_PATIENCE if size < n else 1) and len(self.best) and self.spent() < until_s:
+            idle += 1
+            about = self._places[rng.choice(self.best)]
+            near = np.argsort(np.linalg.norm(self._places - about, axis=1), kind="stable")[:size]
+            if self._renew(np.sort(near)):
+                idle = 0
+            self._tell(until_s)
 
-    def approximate(self) -> tuple[IntArray, float]:
-        """Return a greedy hitting set and the linear programme's bound."""
-        matrix = self._matrix().tocsc()
-        relaxed = milp(self._weight, bounds=Bounds(0, 1), constraints=LinearConstraint(matrix, lb=1.0))
-        open_rows = np.ones(matrix.shape[0])
-        chosen: list[int] = []
-        while open_rows.any():
-            gain = (matrix.T @ open_rows) / self._weight
-            best = int(np.argmax(gain))
-            chosen.append(best)
-            open_rows[matrix.indices[matrix.indptr[best] : matrix.indptr[best + 1]]] = 0.0
-        return np.array(sorted(chosen), dtype=np.int64), float(relaxed.fun or 0.0)
+    def _renew(self, free: IntArray) -> bool:
+        """Choose among ``free`` anew, the other chosen ones kept; whether a cheaper certified set was found."""
+        kept = np.setdiff1d(self.best, free)
+        worth = self._cost(np.intersect1d(self.best, free))
+        while True:
+            found = self.problem.exact(_NEIGHBOURHOOD_S, 0.0, free, kept)
+            if found is None or self._cost(found[0]) > worth - 1e-9:
+                return False
+            chosen = np.sort(np.concatenate([kept, found[0]]))
+            ways = self._search.violations(chosen)
+            if not ways:
+                self.best = chosen
+                return True
+            self._learn(ways)
+
+    def bound(self, until_s: float, exact: bool) -> None:
+        """Raise the lower bound until it meets the cost, or the time is over."""
+        if not self.problem.rows:
+            return
+        self._raise(self.problem.relaxed()[1])
+        while exact and self._cost(self.best) > self.lower + 1e-6 and self.spent() < until_s:
+            found = self.problem.exact(max(1.0, until_s - self.spent()), 0.0)
+            if found is None:
+                return
+            chosen, bound = found
+            self._raise(bound)
+            ways = self._search.violations(chosen)
+            if not ways and self._cost(chosen) < self._cost(self.best) - 1e-9:
+                self.best = chosen
+            elif ways:
+                repaired = self._repaired(chosen)
+                if self._cost(repaired) < self._cost(self.best) - 1e-9:
+                    self.best = repaired
+            self._tell(until_s)
+
+    def _raise(self, bound: float) -> None:
+        self.lower = max(self.lower, math.ceil(bound - 1e-6) if self._whole_costs else bound)
+
+    def _tell(self, until_s: float) -> None:
+        if self._progress is not None:
+            self._progress(min(1.0, self.spent() / until_s))

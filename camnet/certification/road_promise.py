@@ -3,7 +3,7 @@ r"""The promise of fixed cameras on a road network: every place of it may be whe
 | symbol | name | unit | meaning |
 | --- | --- | --- | --- |
 | L | | m | longest unseen walk along arcs (``unseen``), into the first view and after the last one too |
-| T = L / v_lo | | s | longest time that it takes; a target that stops on the way takes longer |
+| T = L / v_lo + t_stop | | s | longest time that it takes, standing still for t_stop (``stop_s``) in all |
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from camnet.certification.road_gaps import merge_coverage
 from camnet.certification.transitions import RoadTargetClass
 from camnet.certification.unseen import SeenArcs, UnseenWays, longest_unseen
 
-__all__ = ["road_promise"]
+__all__ = ["road_promise", "target_words"]
 
 
 def road_promise(
@@ -45,12 +45,11 @@ def road_promise(
     views, height_m : the cameras' views and the height of the targets, to say why a camera sees nothing
     """
     found = _longest(roads, coverage)
-    per_m = 1.0 / target.v_lo_mps
     circle = "unseen roads lead in a circle: a target may stay on them for ever"
-    way = _record(found.longest, names, per_m, circle)
-    into = _record(found.into_first, names, per_m, circle)
+    way = _record(found.longest, names, target, circle)
+    into = _record(found.into_first, names, target, circle)
     return Promise(
-        target_class=f"every target on the roads, {target.v_lo_mps:g} to {target.v_max_mps:g} m/s",
+        target_class=target_words(target),
         unseen_max_m=way.length_m,
         unseen_max_s=way.time_s,
         longest=way if way.length_m > 0.0 else None,
@@ -63,6 +62,12 @@ def road_promise(
         never_seen_m=found.never_seen,
         blind=_blind(roads, coverage, names, views, height_m),
     )
+
+
+def target_words(target: RoadTargetClass) -> str:
+    """Return the class in words."""
+    stop = f", standing still for at most {target.stop_s:g} s while unseen" if target.stop_s else ""
+    return f"every target on the roads, {target.v_lo_mps:g} to {target.v_max_mps:g} m/s{stop}"
 
 
 def _longest(roads: RoadArcs, coverage: Coverage) -> UnseenWays:
@@ -82,12 +87,14 @@ def _longest(roads: RoadArcs, coverage: Coverage) -> UnseenWays:
     )
 
 
-def _record(found: tuple[float, str, int, int], names: Sequence[str], per_m: float, circle: str) -> UnseenWay:
+def _record(
+    found: tuple[float, str, int, int], names: Sequence[str], target: RoadTargetClass, circle: str
+) -> UnseenWay:
     length, kind, before, after = found
     return UnseenWay(
         kind,
         length,
-        length * per_m,
+        target.longest_time(length),
         names[before] if before >= 0 else None,
         names[after] if after >= 0 else None,
         reason="" if np.isfinite(length) else circle,

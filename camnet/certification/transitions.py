@@ -36,13 +36,27 @@ _SLACK_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class RoadTargetClass:
-    """Road-bound targets: speed in [v_lo, v_max] along roads, m/s, and the radius of their extent, m."""
+    """Road-bound targets.
+
+    Attributes
+    ----------
+    v_lo_mps, v_max_mps : least and greatest speed along roads while a target moves, m/s
+    extent_m : radius of the extent about its reference point, m: a place counts as seen where all of it is in view
+    stop_s : longest time that it may stand still during one unseen way, s (signals, queues)
+    """
 
     v_lo_mps: float
     v_max_mps: float
     extent_m: float = 0.0
+    stop_s: float = 0.0
+
+    def longest_time(self, way_m: float) -> float:
+        """Return the longest time that an unseen way of a given length can take, s."""
+        return way_m / self.v_lo_mps + self.stop_s if way_m > 0.0 else 0.0
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.stop_s < math.inf:
+            raise CertificateError(f"stop_s = {self.stop_s!r}: a time of at least 0 s is needed")
         if not 0.0 < self.v_lo_mps <= self.v_max_mps < math.inf:
             raise CertificateError(
                 f"v_lo_mps = {self.v_lo_mps!r}, v_max_mps = {self.v_max_mps!r}: 0 < v_lo <= v_max is needed; "
@@ -154,7 +168,8 @@ def _by_time(
     chord = gaps.stretches.chord_m[gaps.entry_stretch]
     with np.errstate(invalid="ignore"):  # nothing is allowed, or nothing limited, beside a way without end
         out_s = np.minimum(
-            off_s - gaps.longest_m / target.v_lo_mps, (off_m - gaps.longest_m) / target.v_lo_mps
+            off_s - target.stop_s - gaps.longest_m / target.v_lo_mps,
+            (off_m - gaps.longest_m) / target.v_lo_mps,
         )
     out_s = np.where(np.isinf(gaps.longest_m), -math.inf, out_s)
     in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on_s)
@@ -186,7 +201,8 @@ def _meeting(gaps: RoadGaps, target: RoadTargetClass) -> tuple[Array, Array]:
     """Return the ball's allowed radius in the next view (T,) and the latest time at which the target is there (T,)."""
     seen = gaps.stretches
     inside = seen.deepest_m[gaps.entry_stretch] - seen.start_m[gaps.entry_stretch]
-    return seen.depth_m[gaps.entry_stretch], (gaps.longest_m + inside) / target.v_lo_mps
+    arrival = (gaps.longest_m + inside) / target.v_lo_mps + target.stop_s
+    return seen.depth_m[gaps.entry_stretch], arrival
 
 
 def _table(

@@ -54,6 +54,7 @@ _USED_BY = {
     "footprint": ("roads",),
     "v_lo": ("world", "roads"),
     "unseen_max_m": ("world", "roads"),
+    "stop_s": ("roads",),
     "on_min": ("world", "roads"),
 }
 _INPUTS = {"world": "a world file", "site": "--cameras DIR_OF_KRTD", "roads": "--roads NET"}
@@ -116,9 +117,6 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         metavar="N",
         help="targets at the same time (default: as many as the world has)",
     )
-    promise.add_argument(
-        "--unseen-max-m", type=positive, metavar="M", help="longest way out of view allowed, m"
-    )
     add_target_class(parser)
     parser.set_defaults(run=run)
 
@@ -146,6 +144,18 @@ def add_target_class(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--v-lo", type=positive, metavar="MPS", help="least speed on roads, m/s")
     group.add_argument("--extent", type=positive, metavar="M", help="radius of the targets' extent, m")
     group.add_argument("--off-max", type=positive, metavar="S", help="longest time out of view allowed, s")
+    group.add_argument(
+        "--unseen-max-m",
+        type=positive,
+        metavar="M",
+        help="longest way out of view allowed, m; needs no speed",
+    )
+    group.add_argument(
+        "--stop-s",
+        type=non_negative,
+        metavar="S",
+        help="longest time that targets on --roads stand still while unseen, s (default 0)",
+    )
     group.add_argument("--on-min", type=positive, metavar="S", help="least time in view needed, s")
     group.add_argument(
         "--model-error", type=positive, metavar="MPS", help="stated velocity error of the model, m/s"
@@ -373,7 +383,7 @@ def _city(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         raise ConfigError(
             "--roads: give --cameras too (a CSV with name,x,y or a SUMO .add.xml), or use camnet design"
         )
-    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0)
+    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0, args.stop_s or 0.0)
     certified = certify_road_cameras(
         args.roads,
         args.cameras,

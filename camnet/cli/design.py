@@ -18,14 +18,16 @@ __all__ = ["add_parser"]
 
 _DESCRIPTION = """Design a network of cameras over roads, or over the ways that people were recorded to go.
 
-  camnet design --roads NET.xml --off-max 120            the fewest cameras: nobody is out of view for more than 120 s
+  camnet design --roads NET.xml --unseen-max-m 600       the fewest cameras: nobody drives more than 600 m out of view
+  camnet design --roads NET.xml --off-max 120            the same for 120 s, at --v-lo m/s at least while moving
   camnet design --roads NET.xml --poles POLES.csv        the same on given poles (name,x,y[,cost]): the cheapest set
   camnet design --roads NET.xml --count 60               60 cameras: the shortest time out of view
   camnet design --roads NET.xml --repair CAMERAS.csv     single changes that certify each uncertified transition
   camnet design --tracks people.csv --off-max 20         nobody of a track set (CSV, or ETH/UCY .txt) unseen for 20 s
 
-Up to 1000 candidates are solved by integer programming, with the lower bound that proves how good the answer is;
-more by a greedy choice with the bound of the linear programme."""
+Roads are read lane by lane, with the turning paths over junctions: a way counts as seen only where one camera sees its
+whole width. The lower bound says how many cameras any choice among the same candidates needs; --time-limit is spent on
+a better choice and a better bound (integer programming; above 3000 candidates the bound of the linear programme)."""
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -95,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(content)
     else:
         _print(content)
-    return 0
+    return 0 if content["certified"] else 1
 
 
 def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any]:  # noqa: ANN401
@@ -109,6 +111,7 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
         "footprint_m": args.footprint,
         "time_limit_s": args.time_limit,
         "progress": advance,
+        "seed": args.seed or 0,
     }
     aim: dict[str, Any] = {"poles": args.poles, "count": args.count, "objective": args.objective}
     if args.tracks is not None:
@@ -120,9 +123,10 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
         }
         designed = design_tracks(tracks, **limits, **shared, **aim)
         return designed.report, designed
-    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0)
+    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0, args.stop_s or 0.0)
     roads: dict[str, Any] = {
-        "off_max_s": args.off_max or 120.0,
+        "off_max_s": args.off_max or (None if args.unseen_max_m else 120.0),
+        "unseen_max_m": args.unseen_max_m,
         "on_min_s": args.on_min or 0.0,
         "spacing_m": args.spacing or 50.0,
     }
@@ -170,6 +174,10 @@ def _write(output: Output, args: argparse.Namespace, content: dict[str, Any], de
 
 
 def _print(content: dict[str, Any]) -> None:
+    if "promise" in content:
+        print(content["promise"]["sentence"])
+    for words in content.get("warnings", []):
+        say(f"warning: {words}")
     if "repairs" in content:
         print(f"{content['count']} cameras; {len(content['repairs'])} transitions are not certified")
         for r in content["repairs"]:
@@ -188,7 +196,12 @@ def _print(content: dict[str, Any]) -> None:
     what = f"{content['tracks']} tracks" if "tracks" in content else "roads"
     print(
         f"{content['count']} cameras of {content['candidates']} candidates certify {content['roads_km']:.1f} km of "
-        f"{what} for {content['off_max_s']:.4g} s out of view"
+        f"{what} for {_out_of_view(content)} out of view"
     )
     print(f"  lower bound {content['lower_bound']}, gap {content['gap']:.1%}, {content['seconds']:.1f} s")
     print(f"  checked by the certifier: {'certified' if content['certified'] else 'NOT certified'}")
+
+
+def _out_of_view(content: dict[str, Any]) -> str:
+    seconds = f"{content['off_max_s']:.4g} s"
+    return f"{content['unseen_max_m']:.4g} m, {seconds}" if "unseen_max_m" in content else seconds

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ from camnet.certification.benchmark import nadir_views
 from camnet.certification.coverage import Views
 from camnet.certification.free_network import FreeTargetClass, ground_views
 from camnet.certification.promise import with_claims
-from camnet.certification.road_arcs import RoadArcs, arcs_from_polylines
 from camnet.certification.site import (
     certify_open_site,
     certify_road_site,
@@ -26,19 +24,16 @@ from camnet.experiments.certified import Certified
 from camnet.experiments.certify_road_world import road_lines
 from camnet.experiments.certify_world import free_lines, free_promise
 from camnet.experiments.promise_world import Limit
+from camnet.experiments.road_site import read_road_site
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.settings import CameraModel, Intrinsics
 from camnet.importers.krtd import KrtdCamera, read_krtd_folder
-from camnet.importers.sumo import SumoNetwork, read_sumo_network
 from camnet.importers.sumo_detectors import Sensor, read_detectors, read_sensor_table
-from camnet.types import Array
 
 __all__ = [
-    "RoadSite",
     "certify_cameras",
     "certify_road_cameras",
-    "read_road_site",
     "usable_frustum",
 ]
 
@@ -137,24 +132,6 @@ def certify_cameras(
     promise = free_promise(report["target_class"], (), len(names), limit, None)
     lines = free_lines(report, ground)
     return Certified(with_claims(report, promise), outlines, lines, promise), views, names, warnings
-
-
-@dataclass(frozen=True, eq=False)
-class RoadSite:
-    """A road network for certification: arcs, the names of their streets, places of junctions (J, 2), m."""
-
-    roads: RoadArcs
-    streets: list[str]
-    junctions: Array
-
-
-def read_road_site(path: Path) -> RoadSite:
-    """Read the streets of a SUMO network as directed arcs."""
-    network: SumoNetwork = read_sumo_network(path)
-    number = {edge.id: i for i, edge in enumerate(network.edges)}
-    following = [[number[s] for s in edge.successors if s in number] for edge in network.edges]
-    roads = arcs_from_polylines([edge.points for edge in network.edges], following)
-    return RoadSite(roads, [edge.id for edge in network.edges], np.array(list(network.junctions.values())))
 
 
 def read_sensors(path: Path, network: Path, merge_m: float = 10.0) -> tuple[Sensor, ...]:

@@ -12,21 +12,42 @@ import numpy as np
 from camnet.certification.coverage import cover_roads
 from camnet.certification.design import Placement, place_cameras
 from camnet.certification.free_network import ground_views
+from camnet.certification.road_promise import target_words
 from camnet.certification.site import certify_road_site, road_segments_with_verdict
 from camnet.certification.transitions import RoadTargetClass
 from camnet.errors import CertificateError, ConfigError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_road_world import road_lines
-from camnet.experiments.certify_site import RoadSite, read_road_site, read_sensors, sensor_views
+from camnet.experiments.certify_site import read_sensors, sensor_views
+from camnet.experiments.road_site import RoadSite, read_road_site
 from camnet.importers.sumo_detectors import Sensor
 from camnet.types import Array
 
-__all__ = ["best_placement", "candidates_of", "design_roads", "weights_of"]
+__all__ = ["best_placement", "candidates_of", "design_roads", "way_limit", "weights_of"]
 
 #: candidates closer than this are one, m
 _APART_M = 5.0
-#: rounds of the search for the shortest time out of view
+#: rounds of the search for the shortest way out of view
 _ROUNDS = 8
+
+
+def way_limit(target: RoadTargetClass, off_max_s: float | None, unseen_max_m: float | None) -> float:
+    """Return the longest unseen way that keeps both limits, m: v_lo (T - t_stop) at most.
+
+    Raises
+    ------
+    ConfigError
+        Targets may stand still for as long as they may be out of view.
+    """
+    limit = math.inf if unseen_max_m is None else unseen_max_m
+    if off_max_s is not None:
+        if off_max_s <= target.stop_s:
+            raise ConfigError(
+                f"--off-max {off_max_s:g}: targets may stand still for --stop-s {target.stop_s:g} s while unseen; "
+                "a longer time out of view is needed"
+            )
+        limit = min(limit, target.v_lo_mps * (off_max_s - target.stop_s))
+    return limit
 
 
 def candidates_of(site: RoadSite, spacing_m: float) -> list[Sensor]:
@@ -52,52 +73,72 @@ def design_roads(
     network: Path,
     target: RoadTargetClass,
     *,
-    off_max_s: float,
+    off_max_s: float | None,
     on_min_s: float,
     footprint_m: float,
     spacing_m: float,
+    unseen_max_m: float | None = None,
     poles: Path | None = None,
     count: int | None = None,
     objective: str | None = None,
     height_m: float = 0.5,
     time_limit_s: float = 60.0,
+    seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Certified:
-    """Place cameras that certify every road.
+    """Place cameras that certify every lane and every turn of a road network.
 
-    ``objective``: ``fewest`` cameras; ``cheapest``, where poles have costs; ``margin``: the shortest time out of view
-    with at most ``count`` cameras, or with the fewest that certify ``off_max_s``. None: ``margin`` with a count, else
-    ``cheapest`` where poles have costs, else ``fewest``.
+    Parameters
+    ----------
+    network, target : SUMO network and class of the targets
+    off_max_s, unseen_max_m : longest time and longest way out of view allowed; at least one is needed
+    on_min_s : shortest view that counts, s
+    footprint_m : side of a camera's view, m
+    spacing_m, poles : candidates every ``spacing_m`` along the roads, or the places of a table
+    count, objective : ``fewest`` cameras; ``cheapest``, where poles have costs; ``margin``: the shortest way out of
+        view with at most ``count`` cameras, or with the fewest that certify the limit. None: ``margin`` with a count,
+        else ``cheapest`` where poles have costs, else ``fewest``
+    height_m : height of the targets' reference point, m
+    time_limit_s, seed, progress : of ``place_cameras``
     """
+    limit_m = way_limit(target, off_max_s, unseen_max_m)
     site = read_road_site(network)
     sensors = list(read_sensors(poles, network, 0.0)) if poles is not None else candidates_of(site, spacing_m)
     weight = weights_of(sensors, objective)
     views = sensor_views(sensors, footprint_m)
     cover = cover_roads(site.roads, views, height_m, target.extent_m)
 
-    def place(off_s: float) -> Placement:
+    def place(way_m: float) -> Placement:
+        least_m = target.v_max_mps * on_min_s
         return place_cameras(
-            site.roads, cover, len(sensors), target, off_s, on_min_s, weight, time_limit_s=time_limit_s
-        )
+            site.roads, cover, len(sensors), way_m, least_m, weight, time_limit_s=time_limit_s, seed=seed,
+            progress=progress,
+        )  # fmt: skip
 
-    found, off_max_s = best_placement(place, off_max_s, count, objective, progress)
+    found, limit_m = best_placement(place, limit_m, count, objective)
     chosen = [sensors[k] for k in found.chosen.tolist()]
+    checked = _check(site, chosen, target, footprint_m, height_m, limit_m)
+    if found.certified and checked.report["promise"]["verdict"] != "certified":
+        raise CertificateError(
+            f"the solver's answer for {limit_m:.6g} m does not pass the certifier: "
+            f"{checked.report['promise']['sentence']}"
+        )
     report: dict[str, Any] = {
+        "promise": checked.report["promise"],
         **found.as_dict(),
         "cameras": [{"name": s.name, "x": s.x_m, "y": s.y_m} for s in chosen],
         "optimal": found.optimal,
         "candidates": len(sensors),
         "rounds": found.rounds,
         "unseen_ways": found.ways,
-        "off_max_s": off_max_s,
+        "unseen_max_m": limit_m,
+        "off_max_s": target.longest_time(limit_m),
         "on_min_s": on_min_s,
-        "roads_km": float(site.roads.length_m.sum() / 1000.0),
-        "target_class": f"road-bound, {target.v_lo_mps:g} to {target.v_max_mps:g} m/s",
+        "footprint_m": footprint_m,
+        "roads_km": site.edges_km,
+        "target_class": target_words(target),
+        "check": {"transitions": len(checked.report["transitions"]), "certified": True},
     }
-    checked = _check(site, chosen, target, footprint_m, height_m, off_max_s)
-    # ways of the final network that end where the roads end are no transitions; all others must be certified
-    report["certified"] = bool(found.certified and checked.report["certified"])
-    report["check"] = checked.report
     return Certified(report, checked.views, checked.lines)
 
 
@@ -120,38 +161,36 @@ def weights_of(sensors: Sequence[Sensor], objective: str | None) -> Array | None
 
 def best_placement(
     place: Callable[[float], Placement],
-    off_max_s: float,
+    limit: float,
     count: int | None,
     objective: str | None,
-    progress: Callable[[float], None] | None = None,
 ) -> tuple[Placement, float]:
-    """Return the placement for an objective, and the time out of view that it certifies, s."""
+    """Return the placement for an objective, and the way (m) or time (s) out of view that it certifies."""
     if count is not None and objective not in (None, "margin"):
         raise ConfigError(
             f"--count {count} with --objective {objective}: a count goes with the objective margin"
         )
-    found = place(off_max_s)
+    found = place(limit)
     if count is None and objective != "margin":
-        return found, off_max_s
+        return found, limit
     most = len(found.chosen) if count is None else count
-    return _with_count(place, found, most, off_max_s, progress)
+    return _with_count(place, found, most, limit)
 
 
 def _with_count(
     place: Callable[[float], Placement],
     first: Placement,
     count: int,
-    off_max_s: float,
-    progress: Callable[[float], None] | None,
+    limit: float,
 ) -> tuple[Placement, float]:
-    """Shorten the time out of view by bisection as long as ``count`` cameras are enough."""
+    """Shorten the way out of view by bisection as long as ``count`` cameras are enough."""
     if len(first.chosen) > count:
         raise CertificateError(
-            f"--count {count}: {off_max_s:g} s out of view need {len(first.chosen)} cameras (at least "
-            f"{first.lower_bound:g}); allow more cameras or a longer time"
+            f"--count {count}: what is allowed out of view needs {len(first.chosen)} cameras (at least "
+            f"{first.lower_bound:g}); allow more cameras or more out of view"
         )
-    best, low, high = first, 0.0, off_max_s
-    for k in range(_ROUNDS):
+    best, low, high = first, 0.0, limit
+    for _ in range(_ROUNDS):
         middle = 0.5 * (low + high)
         try:
             found = place(middle)
@@ -162,8 +201,6 @@ def _with_count(
             best, high = found, middle
         else:
             low = middle
-        if progress is not None:
-            progress((k + 1) / _ROUNDS)
     return best, high
 
 
@@ -173,18 +210,15 @@ def _check(
     target: RoadTargetClass,
     footprint_m: float,
     height_m: float,
-    off_max_s: float,
+    limit_m: float,
 ) -> Certified:
     """Certify the chosen cameras anew."""
     views = sensor_views(chosen, footprint_m)
     names = [s.name for s in chosen]
     report, gaps, tables = certify_road_site(
-        site.roads, views, names, target, height_m=height_m, off_max_s=off_max_s, on_min_s=0.0
+        site.roads, views, names, target, height_m=height_m, off_max_s=None, off_max_m=limit_m, on_min_s=0.0
     )
-    table = tables["unseen"]
-    good = bool(table.certified.all() and not gaps.cyclic.any())
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [ring for g in ground for ring in g.rings]
-    lines = road_lines(road_segments_with_verdict(site.roads, gaps, table))
-    words = {"transitions": len(report["transitions"]), "certified": good}  # type: ignore[arg-type]
-    return Certified(words, outlines, lines)
+    lines = road_lines(road_segments_with_verdict(site.roads, gaps, tables["unseen"]))
+    return Certified(report, outlines, lines)

@@ -24,7 +24,6 @@ from camnet.certification.coverage import Coverage, cover_roads
 from camnet.certification.design import Placement, place_cameras
 from camnet.certification.free_network import ground_views
 from camnet.certification.road_arcs import RoadArcs, arcs_from_polylines
-from camnet.certification.transitions import RoadTargetClass
 from camnet.errors import ConfigError, DataError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_site import sensor_views
@@ -55,6 +54,7 @@ def design_tracks(
     count: int | None = None,
     objective: str | None = None,
     time_limit_s: float = 60.0,
+    seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Certified:
     """Place cameras that look straight down on squares of ground, so that every track is seen often enough.
@@ -81,14 +81,20 @@ def design_tracks(
     cover = cover_roads(roads, sensor_views(sensors, footprint_m), 0.0, extent_m)
     clocks, timed = timed_coverage(roads, cover, moving)
     weight = weights_of(sensors, objective)
-    second = RoadTargetClass(1.0, 1.0, extent_m)  # a line is measured in seconds: one a second
 
-    def place(off_s: float) -> Placement:
+    def place(off_s: float) -> Placement:  # the lines are measured in seconds
         return place_cameras(
-            clocks, timed, len(sensors), second, off_s, costs=weight, time_limit_s=time_limit_s
+            clocks,
+            timed,
+            len(sensors),
+            off_s,
+            costs=weight,
+            time_limit_s=time_limit_s,
+            seed=seed,
+            progress=progress,
         )
 
-    found, off_max_s = best_placement(place, off_max_s, count, objective, progress)
+    found, off_max_s = best_placement(place, off_max_s, count, objective)
     chosen = [sensors[k] for k in found.chosen.tolist()]
     views = sensor_views(chosen, footprint_m)
     ground = ground_views(views, [s.name for s in chosen], 0.0, extent_m)

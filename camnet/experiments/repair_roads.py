@@ -22,10 +22,12 @@ from camnet.certification.coverage import Coverage, cover_roads
 from camnet.certification.design import place_cameras, smallest_repairs
 from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.road_gaps import RoadGaps, road_gaps
+from camnet.certification.road_promise import road_promise
 from camnet.certification.transitions import RoadTargetClass
 from camnet.errors import CertificateError
-from camnet.experiments.certify_site import read_road_site, read_sensors, sensor_views
-from camnet.experiments.design_roads import candidates_of
+from camnet.experiments.certify_site import read_sensors, sensor_views
+from camnet.experiments.design_roads import candidates_of, way_limit
+from camnet.experiments.road_site import read_road_site
 from camnet.importers.sumo_detectors import Sensor
 from camnet.types import Array
 
@@ -49,7 +51,7 @@ class _Standing:
     sensors: tuple[Sensor, ...]
     coverage: Coverage
     target: RoadTargetClass
-    off_max_s: float
+    limit_m: float
     on_min_s: float
     footprint_m: float
     height_m: float
@@ -72,7 +74,7 @@ class _Standing:
         """Return the uncertified pairs of cameras: the longest unseen way and the least view behind it, m."""
         seen = gaps.stretches
         chord = seen.chord_m[gaps.entry_stretch]
-        bad = gaps.longest_m > self.target.v_lo_mps * self.off_max_s + 1e-9
+        bad = gaps.longest_m > self.limit_m + 1e-9
         bad |= chord < self.target.v_max_mps * self.on_min_s - 1e-9
         out: dict[tuple[int, int], tuple[float, float]] = {}
         for k in np.flatnonzero(bad).tolist():
@@ -90,13 +92,15 @@ def repair_roads(
     cameras: Path,
     target: RoadTargetClass,
     *,
-    off_max_s: float,
+    off_max_s: float | None,
     on_min_s: float,
     footprint_m: float,
+    unseen_max_m: float | None = None,
     height_m: float = 0.5,
     spacing_m: float = 50.0,
     most_poses: int = 10,
     time_limit_s: float = 60.0,
+    seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
     """Return the repairs of every uncertified way between two cameras, the cheapest first, and of the whole network.
@@ -105,7 +109,8 @@ def repair_roads(
     """
     site, sensors = read_road_site(network), read_sensors(cameras, network)
     coverage = cover_roads(site.roads, sensor_views(sensors, footprint_m), height_m, target.extent_m)
-    here = _Standing(site.roads, tuple(sensors), coverage, target, off_max_s, on_min_s, footprint_m, height_m)
+    limit_m = way_limit(target, off_max_s, unseen_max_m)
+    here = _Standing(site.roads, tuple(sensors), coverage, target, limit_m, on_min_s, footprint_m, height_m)
     gaps = road_gaps(site.roads, coverage)
     faults = here.faults(gaps)
     loops = int(gaps.cyclic.sum())
@@ -114,7 +119,7 @@ def repair_roads(
     for k, ((a, b), (longest, chord)) in enumerate(ordered):
         changes: list[dict[str, Any]] = [_CIRCLE]
         if math.isfinite(longest):
-            found = smallest_repairs(longest, chord, target, off_max_s, on_min_s)
+            found = smallest_repairs(longest, chord, target, limit_m / target.v_lo_mps, on_min_s)
             changes = [
                 {"change": r.change, "amount": r.amount, "unit": r.unit, "cost": r.cost} for r in found
             ]
@@ -131,9 +136,20 @@ def repair_roads(
         )
         if progress is not None:
             progress((k + 1) / len(ordered))
-    certified = not faults and loops == 0
-    extra = [] if certified else _additions(here, candidates_of(site, spacing_m), time_limit_s)
-    return {"count": len(sensors), "certified": certified, "repairs": rows, "additions": extra}
+    promise = road_promise(
+        site.roads, coverage, [s.name for s in sensors], target, off_max_s=None, off_max_m=limit_m,
+        limit_source="as asked for", views=sensor_views(sensors, footprint_m), height_m=height_m,
+    )  # fmt: skip
+    certified = promise.verdict == "certified" and not faults
+    extra = [] if certified else _additions(here, candidates_of(site, spacing_m), time_limit_s, seed)
+    return {
+        "promise": promise.as_dict(),
+        "count": len(sensors),
+        "certified": certified,
+        "repairs": rows,
+        "additions": extra,
+        "warnings": [f"camera {c.name} sees no road: {c.reason}" for c in promise.blind],
+    }
 
 
 def _poses(
@@ -175,7 +191,9 @@ def _pose_entry(name: str, found: FoundChange) -> dict[str, Any]:
     }
 
 
-def _additions(here: _Standing, candidates: list[Sensor], time_limit_s: float) -> list[dict[str, Any]]:
+def _additions(
+    here: _Standing, candidates: list[Sensor], time_limit_s: float, seed: int
+) -> list[dict[str, Any]]:
     """Return the fewest further cameras that certify the whole network, with their places; none if none are enough."""
     n = len(here.sensors)
     fresh = cover_roads(
@@ -190,8 +208,8 @@ def _additions(here: _Standing, candidates: list[Sensor], time_limit_s: float) -
     weight = np.r_[np.full(n, 0.5 / max(n, 1)), np.ones(len(candidates))]
     try:
         found = place_cameras(
-            here.roads, both, n + len(candidates), here.target, here.off_max_s, here.on_min_s, weight,
-            time_limit_s=time_limit_s,
+            here.roads, both, n + len(candidates), here.limit_m, here.target.v_max_mps * here.on_min_s, weight,
+            time_limit_s=time_limit_s, seed=seed,
         )  # fmt: skip
     except CertificateError:
         return []

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from camnet.errors import ConfigError, DataError
-from camnet.importers._reading import parse_xml
+from camnet.importers.sumo_checks import FARTHEST_M, check_network
 from camnet.types import Array
 
 __all__ = ["MOTOR_CLASSES", "Lane", "LaneEdge", "LaneNetwork", "Turn", "read_lane_network"]
@@ -30,8 +30,6 @@ MOTOR_CLASSES = (
 _INSTALL = "install the extra: pip install 'camnet[sumo]'"
 #: internal lanes that one turn may be made of
 _MOST_PARTS = 8
-#: coordinates beyond this are not metres, m
-_FARTHEST_M = 1e8
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,14 +90,14 @@ def read_lane_network(path: str | Path, classes: Iterable[str] = MOTOR_CLASSES) 
     ConfigError
         ``sumolib`` is not installed.
     DataError
-        The file is not a SUMO network, has no such lane, or holds a number that is none.
+        The file is not a SUMO network, breaks a rule of `camnet.importers.sumo_checks`, or has no such lane.
     """
     try:
         import sumolib
     except ImportError:
         raise ConfigError(f"{path}: reading a SUMO network needs sumolib; {_INSTALL}") from None
     path = Path(path)
-    parse_xml(path, "net", lambda *_: None)  # faults of the XML itself, with their line
+    check_network(path)
     try:
         net = sumolib.net.readNet(str(path), withInternal=True)
     except Exception as error:  # sumolib lets anything through: KeyError, ValueError, AttributeError, ...
@@ -146,7 +144,7 @@ class _Reader:
     def _lane(self, lane: Any) -> Lane:  # noqa: ANN401 (sumolib has no types)
         where = f"{self._path}: lane {lane.getID()!r}"
         points = np.array(lane.getShape3D(), dtype=np.float64)
-        if points.ndim != 2 or len(points) < 2 or not (np.abs(points) < _FARTHEST_M).all():
+        if points.ndim != 2 or len(points) < 2 or not (np.abs(points) < FARTHEST_M).all():
             raise DataError(
                 f"{where}: its shape is {lane.getShape3D()!r}; two or more finite points were expected"
             )
@@ -159,7 +157,7 @@ class _Reader:
 
     def _place(self, node: Any) -> tuple[float, float]:  # noqa: ANN401 (sumolib has no types)
         x, y = (float(c) for c in node.getCoord()[:2])
-        if not (abs(x) < _FARTHEST_M and abs(y) < _FARTHEST_M):
+        if not (abs(x) < FARTHEST_M and abs(y) < FARTHEST_M):
             raise DataError(
                 f"{self._path}: junction {node.getID()!r} is at ({x}, {y}); finite metres were expected"
             )

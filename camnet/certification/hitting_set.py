@@ -1,0 +1,100 @@
+r"""Hitting sets of least cost whose rows come one after another: min w^T x, sum_{c in row} x_c >= 1, x binary.
+
+``relaxed`` (linear programme) and ``exact`` (integer programme, HiGHS) return lower bounds of the cost of any set that
+hits all rows, so of any set that hits further rows as well. ``greedy`` adds the candidate that hits most open rows for
+its cost, and then drops what is not needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_matrix
+
+from camnet.types import Array, IntArray
+
+__all__ = ["HittingSet"]
+
+
+class HittingSet:
+    """A hitting-set problem over ``len(cost)`` candidates that grows by rows.
+
+    Attributes
+    ----------
+    rows : the sets of candidates of which one must be chosen, in the order in which they came
+    """
+
+    def __init__(self, cost: Array) -> None:
+        self._cost = np.asarray(cost, dtype=float)
+        self.rows: dict[tuple[int, ...], None] = {}
+
+    def add(self, rows: Iterable[Iterable[int]]) -> int:
+        """Add rows; returns how many were new."""
+        before = len(self.rows)
+        for row in rows:
+            self.rows[tuple(sorted(set(row)))] = None
+        return len(self.rows) - before
+
+    def _matrix(self) -> csr_matrix:
+        rows = list(self.rows)
+        ptr = np.cumsum([0, *(len(row) for row in rows)])
+        columns = np.fromiter((c for row in rows for c in row), dtype=np.int64, count=int(ptr[-1]))
+        return csr_matrix((np.ones(len(columns)), columns, ptr), shape=(len(rows), len(self._cost)))
+
+    def greedy(self, chosen: Iterable[int] = ()) -> IntArray:
+        """Complete a set until it hits every row; returns sorted numbers."""
+        matrix = self._matrix().tocsc()
+        have = list(dict.fromkeys(chosen))
+        open_rows = np.asarray(matrix[:, have].sum(axis=1)).ravel() < 0.5
+        while open_rows.any():
+            best = int(np.argmax((matrix.T @ open_rows.astype(float)) / self._cost))
+            have.append(best)
+            open_rows[matrix.indices[matrix.indptr[best] : matrix.indptr[best + 1]]] = False
+        hits = np.asarray(matrix[:, have].sum(axis=1)).ravel()
+        for c in sorted(have, key=lambda k: (-self._cost[k], k)):
+            rows = matrix.indices[matrix.indptr[c] : matrix.indptr[c + 1]]
+            if len(rows) == 0 or hits[rows].min() > 1.5:
+                hits[rows] -= 1.0
+                have.remove(c)
+        return np.array(sorted(have), dtype=np.int64)
+
+    def relaxed(self) -> tuple[Array, float]:
+        """Return the shares of the linear programme's solution and its value."""
+        result = milp(self._cost, bounds=Bounds(0, 1), constraints=LinearConstraint(self._matrix(), lb=1.0))
+        return np.asarray(result.x), float(result.fun)
+
+    def exact(
+        self, time_limit_s: float, gap: float, free: IntArray | None = None, kept: IntArray | None = None
+    ) -> tuple[IntArray, float] | None:
+        """Return a set of candidates that hits all rows, within a relative ``gap`` of the best, and a lower bound.
+
+        Parameters
+        ----------
+        time_limit_s, gap : when to stop
+        free : (n,) candidates to choose from; None: all
+        kept : candidates that are chosen besides; the rows that they hit are left out, and so is their cost
+
+        Returns
+        -------
+        tuple or None
+            None: no such set was found in time.
+        """
+        of = self._matrix()
+        if kept is not None:
+            of = of[np.asarray(of[:, kept].sum(axis=1)).ravel() < 0.5]
+        columns = np.arange(len(self._cost)) if free is None else free
+        if of.shape[0] == 0:
+            return np.array([], dtype=np.int64), 0.0
+        result = milp(
+            self._cost[columns],
+            integrality=np.ones(len(columns), dtype=np.int64),
+            bounds=Bounds(0, 1),
+            constraints=LinearConstraint(of[:, columns], lb=1.0),
+            options={"time_limit": time_limit_s, "mip_rel_gap": gap},
+        )
+        if result.x is None:
+            return None
+        bound = result.mip_dual_bound
+        return columns[result.x > 0.5], float(bound) if bound is not None else 0.0
