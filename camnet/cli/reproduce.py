@@ -20,7 +20,8 @@ __all__ = ["EXPERIMENTS", "Experiment", "add_parser"]
 class Experiment:
     """One experiment: where its ``run(seeds=, out_dir=, seed=, progress=[, data=])`` lives and what it shows.
 
-    The module has ``print_table(result)`` too; ``function`` names its ``run`` where that is something else.
+    ``takes_images``: its ``run`` has ``images=``, for rendered input. The module has ``print_table(result)`` too;
+    ``function`` names its ``run`` where that is something else.
     """
 
     module: str
@@ -30,6 +31,7 @@ class Experiment:
     function: str = "run"
     takes_data: bool = False
     one_run: bool = False
+    takes_images: bool = False
 
 
 EXPERIMENTS = {
@@ -64,6 +66,7 @@ EXPERIMENTS = {
         "camnet.experiments.distance_observers",
         "distances to a checkerboard's corners from a moving camera (bell2019, ch. 3)",
         15,
+        takes_images=True,
     ),
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
@@ -103,6 +106,9 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "--data", type=Path, metavar="DIR", help="folder of recorded inputs, where one is needed"
     )
+    parser.add_argument(
+        "--images", action="store_true", help="rendered images as input, where an experiment has them"
+    )
     add_common(parser, "runs/reproduce-EXPERIMENT, or a number after it if that is taken")
     parser.set_defaults(run=run)
 
@@ -119,6 +125,10 @@ def run(args: argparse.Namespace) -> int:
         options["data"] = args.data
     elif args.data is not None and not experiment.takes_data:
         raise ConfigError(f"--data {args.data}: {args.experiment} reads no recorded inputs; leave it out")
+    if args.images:
+        if not experiment.takes_images:
+            raise ConfigError(f"--images: {args.experiment} has no rendered input; leave it out")
+        options["images"] = True
     module = importlib.import_module(experiment.module)
     with output_folder(args, "reproduce", f"reproduce-{args.experiment}") as output:
         assert output is not None  # it has a default name

@@ -20,6 +20,7 @@ import numpy as np
 
 from camnet.errors import ConfigError
 from camnet.estimation.structure.tracks import FeatureTracks, SimulatedTracks
+from camnet.experiments.distance_observers_images import board_tracks
 from camnet.experiments.distance_observers_run import PARTS, ROWS, RunResult, run_scene
 from camnet.experiments.distance_observers_scene import BoardScene, SetUp, make_scene
 from camnet.report.structure import write_distance_observers
@@ -45,8 +46,11 @@ def run(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
     setup: SetUp | None = None,
+    images: bool = False,
 ) -> dict[str, Any]:
     """Run the experiment for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
+
+    With ``images`` the corners come from rendered images instead of projections with noise.
 
     Raises
     ------
@@ -63,18 +67,20 @@ def run(
             if progress is not None:
                 progress((k + share) / seeds)
 
-        scene, tracks = _scene(setup, seed + k)
+        scene, tracks = _scene(setup, seed + k, images)
         results.append(run_scene(setup, scene, tracks, tell))
-    content = _summary(setup, results)
+    content = {**_summary(setup, results), "input": "rendered images" if images else "simulated tracks"}
     if out_dir is not None:
         write_distance_observers(results, content, Path(out_dir))
     return content
 
 
-def _scene(setup: SetUp, seed: int) -> tuple[BoardScene, FeatureTracks]:
+def _scene(setup: SetUp, seed: int, images: bool = False) -> tuple[BoardScene, FeatureTracks]:
     """Scene and tracks of one seed."""
     scene_rng, noise_rng = np.random.default_rng(seed).spawn(2)
     scene = make_scene(setup, scene_rng)
+    if images:
+        return scene, board_tracks(setup, scene, noise_rng)
     return scene, SimulatedTracks(
         scene.points_world, scene.path, scene.camera, scene.t_s, setup.noise_px, noise_rng
     )

@@ -7,7 +7,9 @@ import pytest
 
 from camnet.errors import ConfigError
 from camnet.experiments.distance_observers import print_table, run
+from camnet.experiments.distance_observers_images import board_tracks
 from camnet.experiments.distance_observers_run import PARTS, ROWS
+from camnet.experiments.distance_observers_scene import SetUp, make_scene
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +62,19 @@ def test_split_is_at_the_last_feature_learned(two):
     for one in two[0]["runs"]:
         assert 0.2 < one["learned_from_s"] / one["duration_s"] < 0.45
         assert np.isfinite(one["position_m"]["after"])
+
+
+def test_corners_read_from_rendered_images_are_the_boards():
+    setup = SetUp(path_m=0.3)
+    rng = np.random.default_rng(0)
+    scene = make_scene(setup, rng)
+    frames = list(board_tracks(setup, scene, rng))
+    assert len(frames) == len(scene.t_s)
+    truth = scene.path.states(scene.t_s)
+    off = [
+        f.pixels - scene.camera.project_world(scene.points_world[f.ids], truth.p_world[k], truth.q_world[k])
+        for k, f in enumerate(frames)
+    ]
+    assert all(len(f.ids) == 48 for f in frames)
+    assert np.sqrt(np.mean(np.square(off))) < 0.3
+    assert np.abs(np.mean(np.concatenate(off), axis=0)).max() < 0.1

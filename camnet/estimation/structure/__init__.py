@@ -12,6 +12,7 @@ Everything broadcasts over leading dimensions.
 | `tracks` | ``TrackedFrame(t_s, ids, pixels)``, the protocol ``FeatureTracks``, ``SimulatedTracks``, ``match`` |
 | `camera_path` | ``CameraPath(t_s, p_world, q_world).states(t)``; ``planar_path`` for a level camera on a robot |
 | `odometry` | ``OdometrySpread.draw``, ``measure_odometry``, ``Odometry.at(t)``, ``dead_reckon`` |
+| `image_tracks` | ``ImageTracks(images, settings)``: the same protocol on real images |
 | `two_view` | rotation and direction of a key frame: essential matrix, homography, gyro-aided |
 | `key_view` | ``KeyFrameViews(camera, odometry, settings).view(frame)``: what the observers read |
 | `stack`, `flow` | history stack of the distances; optical flow over a window |
