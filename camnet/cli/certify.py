@@ -217,16 +217,24 @@ def _refuse_unused(args: argparse.Namespace) -> None:
         if value not in (None, False, []) and kind not in kinds:
             option = "--set" if name == "overrides" else "--" + name.replace("_", "-")
             where = " and ".join(_INPUTS[k] for k in kinds)
-            raise ConfigError(f"{option} {value}: applies to {where}, not to {_INPUTS[kind]}; leave it out")
-    if args.duration is not None and not args.learn:
-        raise ConfigError(f"--duration {args.duration:g}: is the length of the run of --learn; add --learn")
-    if args.learn and args.model is not None:
-        raise ConfigError(f"--learn and --model {args.model}: learn a model or give one, not both")
+            given = option if value is True else f"{option} {value[0] if isinstance(value, list) else value}"
+            raise ConfigError(f"{given}: applies to {where}, not to {_INPUTS[kind]}; leave it out")
+    check_learning(args)
     if kind == "site" and args.tracks is None:
         for name in ("fix_error", "origin"):
             if getattr(args, name) is not None:
                 option = "--" + name.replace("_", "-")
                 raise ConfigError(f"{option} {getattr(args, name)}: is about recorded tracks; add --tracks")
+
+
+def check_learning(args: argparse.Namespace) -> None:
+    """Refuse a length without a run to learn from, and a model beside one to learn."""
+    from camnet.errors import ConfigError
+
+    if args.duration is not None and not args.learn:
+        raise ConfigError(f"--duration {args.duration:g}: is the length of the run of --learn; add --learn")
+    if args.learn and args.model is not None:
+        raise ConfigError(f"--learn and --model {args.model}: learn a model or give one, not both")
 
 
 def _certify(args: argparse.Namespace) -> tuple[Any, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import whole
-from camnet.cli.certify import learned_model, world_of
+from camnet.cli.certify import check_learning, learned_model, world_of
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.output import output_folder, print_json, write_json
 
@@ -60,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
     from camnet.experiments.falsify import falsify_world
     from camnet.experiments.learned_model import save_models
 
+    check_learning(args)
     scenario = world_of(args)
     with output_folder(args, "falsify") as output:
         model = learned_model(args, scenario)

@@ -118,10 +118,10 @@ def run(args: argparse.Namespace) -> int:
     experiment = EXPERIMENTS[args.experiment]
     options: dict[str, Any] = _seeds(args, experiment)
     if experiment.needs_data or (experiment.takes_data and args.data is not None):
-        if args.data is None or not args.data.is_dir():
-            raise ConfigError(
-                f"--data {args.data}: {args.experiment} needs the folder of its recorded inputs"
-            )
+        if args.data is None:
+            raise ConfigError(f"{args.experiment} replays recorded inputs: give their folder with --data DIR")
+        if not args.data.is_dir():
+            raise ConfigError(f"--data {args.data}: no such folder; give that of the recorded inputs")
         options["data"] = args.data
     elif args.data is not None and not experiment.takes_data:
         raise ConfigError(f"--data {args.data}: {args.experiment} reads no recorded inputs; leave it out")

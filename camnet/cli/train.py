@@ -111,6 +111,10 @@ def _settings(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     }
     for text in args.overrides:
         name, equals, value = text.partition("=")
+        if name in TrainSettings.model_fields and not equals:
+            raise ConfigError(
+                f"--set {text!r}: give a value, as in {name}={_written(TrainSettings.model_fields[name].default)}"
+            )
         if not equals or name not in TrainSettings.model_fields:
             raise ConfigError(
                 f"--set {text!r}: give KEY=VALUE; {suggestion(name, TrainSettings.model_fields)}"
