@@ -163,6 +163,6 @@ def _check_log(path: Path, truth: Mapping[str, Array]) -> None:
         raise DataError(f"{path}: column 't_s': times do not increase")
     for name in truth:
         if name.endswith("_w"):
-            parts = [truth[f"{name[:-1]}{axis}"] for axis in "wxyz"]
+            parts = np.clip([truth[f"{name[:-1]}{axis}"] for axis in "wxyz"], -2.0, 2.0)
             if not np.allclose(np.sum(np.square(parts), axis=0), 1.0, atol=1e-6):
                 raise DataError(f"{path}: columns '{name[:-1]}*': are no quaternions of length 1")
