@@ -83,15 +83,25 @@ def output_folder(
         yield None
         return
     with ExitStack() as stack:
-        folder = _lock_first_free(stack, args, default_name or "")
-        sweep_beside(folder)
-        output = Output(make_partial(folder, kind), folder)
+        with _writable(args.out or f"runs/{default_name}"):
+            folder = _lock_first_free(stack, args, default_name or "")
+            sweep_beside(folder)
+            output = Output(make_partial(folder, kind), folder)
         try:
             yield output
         except BaseException as error:
             _fail(output, kind, more_files, error)
             raise
         _finish(output, kind, more_files)
+
+
+@contextmanager
+def _writable(out: str | Path) -> Iterator[None]:
+    """Say which folder cannot be written, whatever file showed it (OutputError)."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"folder {str(out)!r} cannot be written: {plain_words(error)}") from error
 
 
 def _lock_first_free(stack: ExitStack, args: argparse.Namespace, default_name: str) -> Path:
@@ -160,18 +170,20 @@ def resumed_folder(out: str | Path, kind: str, files: Sequence[str], anew: bool)
     ------
     ConfigError
         The folder holds something that is not of this kind, or another run is writing it.
-    OSError
+    OutputError
         It cannot be written.
     """
     with ExitStack() as stack:
-        folder = open_place(stack, out, True)
-        stack.enter_context(folder_lock(folder))
-        sweep_beside(folder)
-        folder.mkdir(exist_ok=True)
-        clear(folder, anew, kind)
+        with _writable(out):
+            folder = open_place(stack, out, True)
+            stack.enter_context(folder_lock(folder))
+            sweep_beside(folder)
+            folder.mkdir(exist_ok=True)
+            clear(folder, anew, kind)
         try:
-            write_marker(folder, kind, files)
-            sweep_inside(folder)
+            with _writable(out):
+                write_marker(folder, kind, files)
+                sweep_inside(folder)
             yield folder
         finally:
             with suppress(OSError):

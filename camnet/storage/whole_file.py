@@ -22,8 +22,11 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        with suppress(OSError):
+            temporary.unlink()
+        if isinstance(error, OSError) and error.errno and error.filename in (None, str(temporary)):
+            error.filename = str(path)  # the name that people know
         raise
 
 
@@ -53,6 +56,9 @@ def check_writable(path: Path) -> None:
     temporary = path.with_name(temporary_name(path.name))
     try:
         temporary.write_bytes(b"\0" * 512)  # a full disk shows when something is written
+    except OSError as error:
+        error.filename = str(path)
+        raise
     finally:
         with suppress(OSError):
             temporary.unlink()
