@@ -110,7 +110,7 @@ def _prepare(folder: Path) -> str | None:
     kernels = folder / KERNELS
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        kernels.mkdir(mode=0o700, exist_ok=True)
+        kernels.mkdir(mode=0o755, exist_ok=True)
         if not _is_trusted(kernels):
             return f"{kernels} belongs to another user, or others may write in it"
         with tempfile.TemporaryFile(dir=kernels):

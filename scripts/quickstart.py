@@ -1,4 +1,4 @@
-"""From a fresh clone to a report: make the environment, simulate the quickstart network, say where to look."""
+"""From a fresh clone to a report: make the environment, compile, simulate the quickstart network, say where to look."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ def main() -> None:
     _environment.prepare()
     out = _environment.ROOT / "runs" / "quickstart"
     recipe = _environment.ROOT / "configs" / "quickstart.yaml"
+    _environment.run("-m", "camnet.cli.main", "warm-up", "quickstart")
     _environment.run("-m", "camnet.cli.main", "simulate", str(recipe), "--out", str(out), "--force")
     print(f"\nopen {out / 'report.html'} in a browser")
 

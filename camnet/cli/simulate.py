@@ -18,7 +18,8 @@ __all__ = ["add_parser"]
 _DESCRIPTION = """Simulate a camera network: agents fly, the target moves, its motion is learned while it is seen and
 predicted while it is not, agents hand it over. Writes one folder: summary.json, handoffs.json, log.parquet (the whole
 log; pandas.read_parquet opens it), map.png, estimates.png, video.mp4, report.html.
-Ctrl-C ends a run early and leaves a valid partial one, marked as such.
+Ctrl-C ends a run early and leaves a valid partial one, marked as such, without pictures (camnet report draws them);
+SIGTERM ends it and leaves nothing.
 
   camnet simulate quickstart                              a shipped world (list them: camnet worlds)
   camnet simulate my_world.yaml --out runs/mine           a world or a recipe of your own
@@ -114,7 +115,8 @@ def _network(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - 
     else:
         _print_figures(result.summary)
     folder = output.folder
-    say(f"wrote {folder}" + ("" if args.no_report else f"; open {folder / 'report.html'}"))
+    drawn = not args.no_report and not result.interrupted
+    say(f"wrote {folder}" + (f"; open {folder / 'report.html'}" if drawn else ""))
     if result.summary["dwell"]["broken"]:
         warn(
             f"in {result.summary['dwell']['broken']} intervals a certificate's condition was met and the error "
@@ -135,7 +137,7 @@ def _write(args: argparse.Namespace, output: Output, result: Any, content: dict[
     output.results_stand()
     if args.save_model is not None:
         save_models(args.save_model, result.learned)
-    if not args.no_report:
+    if not args.no_report and not result.interrupted:
         with progress_bar(1.0, "drawing", "", args.quiet) as advance:
             write_all(output.path, video=not args.no_video, progress=lambda k, n: advance(k / n))
 

@@ -13,11 +13,12 @@ from camnet.cli.parser import suggestion
 
 __all__ = ["add_parser"]
 
-_GROUPS = ("simulate", "environment", "evaluate", "train", "certify")
+_GROUPS = ("quickstart", "simulate", "environment", "evaluate", "train", "certify")
 _DESCRIPTION = """Compile what the commands need and keep it, so that the first real run starts at once; a second call
 finds everything there. Without any words all is compiled; with words the parts that are named.
 
   camnet warm-up                      everything
+  camnet warm-up quickstart           what camnet simulate quickstart needs
   camnet warm-up simulate certify     what these two need
 
 Compiled code is kept in CAMNET_CACHE, else XDG_CACHE_HOME/camnet, else ~/.cache/camnet, and shared by all versions of

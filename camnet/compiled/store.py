@@ -80,7 +80,7 @@ def save(function: str, source: str, key: str, data: object) -> None:
     path = folder / KERNELS / _name(function, source, key)
     payload = dumps(data)
     try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
         with whole_file(path) as temporary:
             temporary.write_bytes(hashlib.sha256(payload).digest() + payload)
     except OSError as error:
