@@ -128,7 +128,9 @@ class _Run:
 
     def go(self) -> dict[str, Any]:
         """Imitate, then learn chunk by chunk."""
-        if not self._restore():
+        if self._restore():  # the run may have been stopped between checkpoint and policy
+            save_policy(self.folder / "policy.npz", self.policy())
+        else:
             self._imitate()
             self._keep()
         while self.steps < self.settings.steps:
