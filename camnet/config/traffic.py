@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import logging
+import os
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from camnet.config.check import check_scenario
 from camnet.config.models import Agent, Region, Scenario, TrafficRegions, TrafficSettings
@@ -24,10 +25,15 @@ from camnet.motion.replay import TrackPath
 from camnet.motion.settings import TargetSettings, TrackTarget
 from camnet.motion.track import Track
 from camnet.settings import Settings
+from camnet.storage.json_file import LIMIT_BYTES, read_json
+from camnet.storage.reading import read_bounded
+from camnet.storage.seal import seal_of
+from camnet.storage.whole_file import whole_file, write_json
 from camnet.types import Array
 
 __all__ = ["expand_traffic"]
 
+_LOG = logging.getLogger(__name__)
 #: size of a car and four points on its roof (body frame: x forward, z up)
 _CAR_M = (4.5, 1.8, 1.5)
 _ROOF_M = ((1.0, 0.6, 1.5), (1.0, -0.6, 1.5), (-1.0, -0.6, 1.5), (-1.0, 0.6, 1.5))
@@ -60,15 +66,33 @@ def expand_traffic(scenario: Scenario, cache_dir: str | Path) -> Scenario:
     if traffic is None:
         return scenario
     folder = Path(cache_dir).absolute() / f"traffic-{_key(traffic)}"
-    made = folder / "made.yaml"
-    if not made.is_file():
+    made = folder / "made.json"
+    parts = _kept(folder)
+    if parts is None:
         parts = _make(traffic, folder)
-        part = made.with_suffix(".part")
-        part.write_text(yaml.safe_dump(parts, sort_keys=False), encoding="utf-8")
-        part.replace(made)
-    parts = yaml.safe_load(made.read_text(encoding="utf-8"))
+        write_json(made, {"parts": parts, "seal": _seal(parts, folder)})
     concrete = Scenario.model_validate({**scenario.model_dump(mode="json"), **parts, "traffic": None})
     return check_scenario(concrete, Node({}, Origin(str(made))))
+
+
+def _kept(folder: Path) -> dict[str, Any] | None:
+    """Return what was made before; None, with a message if it is damaged, where it is to be made again."""
+    made = folder / "made.json"
+    if not os.path.lexists(made):
+        return None
+    try:
+        content = read_json(made)
+        if not isinstance(content, dict) or content.get("seal") != _seal(content.get("parts"), folder):
+            raise DataError(f"{made}: its content, or that of tracks.csv, is not what was written")
+    except DataError as error:
+        _LOG.warning("%s; the traffic is made again", error)
+        return None
+    return dict(content["parts"])
+
+
+def _seal(parts: object, folder: Path) -> str:
+    """Seal of what was made, the tracks that it names included."""
+    return seal_of([parts, hashlib.sha256(read_bounded(folder / "tracks.csv", LIMIT_BYTES)).hexdigest()])
 
 
 def _key(traffic: TrafficSettings) -> str:
@@ -172,7 +196,7 @@ def _parked(track: Track, origin: Array, duration_s: float) -> Track:
 
 def _write_tracks(path: Path, tracks: Sequence[Track]) -> None:
     """Write tracks as CSV."""
-    with path.open("w", encoding="utf-8", newline="") as stream:
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(["id", "t_s", "x_m", "y_m"])
         for track in tracks:

@@ -88,6 +88,16 @@ def test_targets_keep_the_common_clock_and_park_around_their_trips(town: Scenari
     np.testing.assert_allclose(x - x[0], [0.0, 0.0, 10.0, 450.0, 450.0], atol=1e-3)
 
 
+def test_a_damaged_result_is_made_again(town: Scenario, tmp_path: Path) -> None:
+    first = expand_traffic(town, tmp_path / "cache")
+    for name in ("tracks.csv", "made.json"):
+        (kept,) = (tmp_path / "cache").glob(f"traffic-*/{name}")
+        whole = kept.read_text()
+        kept.write_text(whole.replace("1", "2", 3))
+        assert expand_traffic(town, tmp_path / "cache") == first
+        assert kept.read_text() == whole  # made again
+
+
 def test_the_result_is_kept_and_depends_on_the_settings(town: Scenario, tmp_path: Path, monkeypatch):
     first = expand_traffic(town, tmp_path / "cache")
     monkeypatch.setattr(traffic, "run_sumo", None)  # a second run would fail
