@@ -27,6 +27,10 @@ BENCHMARKS = {
     "history-selection": ("camnet.experiments.bench_history", "choice of stack entries against brute force"),
     "sensing": ("camnet.experiments.bench_sensing", "poses read from features and images of a marker"),
     "simulation": ("camnet.experiments.bench_simulation", "closed loop against real time and raw PyBullet"),
+    "structure": (
+        "camnet.experiments.bench_structure",
+        "bundle adjustment and distance observers against plain ways",
+    ),
 }
 
 

@@ -18,7 +18,7 @@ from camnet.estimation.structure.bundle.covariance import depth_sd
 from camnet.estimation.structure.bundle.preintegrate import preintegrate
 from camnet.estimation.structure.bundle.problem import BundleState, Observations, build_problem
 from camnet.estimation.structure.bundle.window import BundleSettings, SlidingBundle
-from camnet.estimation.structure.distance_observer import DistanceObserver
+from camnet.estimation.structure.compiled_observer import CompiledDistanceObserver
 from camnet.estimation.structure.inverse_depth_filter import InverseDepthFilter
 from camnet.estimation.structure.inverse_depth_observer import InverseDepthObserver
 from camnet.estimation.structure.key_view import KeyFrameViews, KeyView
@@ -45,7 +45,9 @@ class _Estimator(Protocol):
 class _Observer:
     """An observer that reads views."""
 
-    def __init__(self, observer: DistanceObserver | InverseDepthObserver | InverseDepthFilter) -> None:
+    def __init__(
+        self, observer: CompiledDistanceObserver | InverseDepthObserver | InverseDepthFilter
+    ) -> None:
         self.inner = observer
 
     def update(self, frame: TrackedFrame, view: KeyView) -> None:
@@ -118,11 +120,11 @@ def run_scene(
     estimators: dict[str, _Estimator] = {}
     errors: dict[str, list[float]] = {name: [] for name in ROWS}
     position, share = [], []
-    extended: DistanceObserver | None = None
+    extended: CompiledDistanceObserver | None = None
     for k, frame in enumerate(tracks):
         view = views.view(frame)
         if extended is None:
-            extended = DistanceObserver(len(view.ids), setup.observers, extended=True)
+            extended = CompiledDistanceObserver(len(view.ids), setup.observers, extended=True)
             estimators = _estimators(setup, scene, extended)
         z = ((scene.points_world[view.ids] - truth.p_world[k]) @ turns[k])[:, 2]
         for name, estimator in estimators.items():
@@ -155,10 +157,10 @@ def depth_prior(setup: SetUp) -> BundleSettings:
     return setup.bundle.model_copy(update={"start_m": mean, "start_inverse_sd": sd / mean**2})
 
 
-def _estimators(setup: SetUp, scene: BoardScene, extended: DistanceObserver) -> dict[str, _Estimator]:
+def _estimators(setup: SetUp, scene: BoardScene, extended: CompiledDistanceObserver) -> dict[str, _Estimator]:
     count, s = len(extended.d_ic), setup.observers
     return {
-        "estimator_1": _Observer(DistanceObserver(count, s, extended=False)),
+        "estimator_1": _Observer(CompiledDistanceObserver(count, s, extended=False)),
         "estimator_2": _Observer(extended),
         "estimator_3": _Observer(InverseDepthObserver(count, s)),
         "ekf": _Observer(InverseDepthFilter(count, s)),

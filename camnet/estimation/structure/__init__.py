@@ -16,7 +16,9 @@ Everything broadcasts over leading dimensions.
 | `two_view` | rotation and direction of a key frame: essential matrix, homography, gyro-aided |
 | `key_view` | ``KeyFrameViews(camera, odometry, settings).view(frame)``: what the observers read |
 | `stack`, `flow` | history stack of the distances; optical flow over a window |
-| `distance_observer` | observers 1 and 2; `inverse_depth_observer` 3; `inverse_depth_filter` 4 |
+| `distance_observer` | observers 1 and 2; `compiled_observer` the same, compiled |
+| `inverse_depth_observer`, `inverse_depth_filter` | observers 3 and 4 |
+| `bundle` | bundle adjustment of poses, inverse depths, odometry scale and gyro bias |
 
 A simulation in four lines::
 
