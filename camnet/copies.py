@@ -94,7 +94,7 @@ def _large_parts(array: NDArray[Any]) -> tuple[Any, ...]:
     flat = array.ravel(order="K").view(np.uint8)
     pages, rest = _pages(flat)
     used = np.flatnonzero(pages.view(np.uint64).any(axis=1))
-    return _from_pages, (array.shape, array.dtype, order, used, pages[used], rest.copy())
+    return _from_pages, (array.shape, array.dtype, order, used, pages[used].tobytes(), rest.tobytes())
 
 
 def _pages(flat: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -108,12 +108,13 @@ def _from_pages(
     dtype: np.dtype[Any],
     order: Literal["C", "F"],
     used: IntArray,
-    content: NDArray[np.uint8],
-    rest: NDArray[np.uint8],
+    content: bytes,
+    rest: bytes,
 ) -> NDArray[Any]:
     array = np.zeros(shape, dtype, order=order)
     pages, tail = _pages(array.ravel(order="K").view(np.uint8))
-    pages[used], tail[:] = content, rest
+    pages[used] = np.frombuffer(content, dtype=np.uint8).reshape(-1, _PAGE)
+    tail[:] = np.frombuffer(rest, dtype=np.uint8)
     return array
 
 

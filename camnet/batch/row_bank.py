@@ -78,7 +78,7 @@ class RowFilters:
             self._bank = RowBank(network, len(truths))
         else:
             self._bank.restart()
-        return self._bank.filters
+        return [RowFilter(self._bank, m) for m in range(len(truths))]
 
 
 def _setup(network: Network) -> EstimatorSetup:
@@ -120,7 +120,7 @@ class RowBank(ExactCopies):
         self.excitation = [
             [RowExcitation(setup, state, m, j, self._stack) for j in models] for m in range(len(self.out))
         ]
-        self.filters = [RowFilter(self, m) for m in range(len(self.out))]
+        self.known = [_Known() for _ in range(len(self.out))]
         self._connected = None
 
     def connect(self, lookout: Lookout, sensor: PoseSensor) -> None:
@@ -149,17 +149,24 @@ class RowBank(ExactCopies):
         )
         found = self.found.tolist()
         for m, row in enumerate(found):
-            self.filters[m].moved()
+            self.moved(m)
             if row[OFFERED]:
                 self._excite(m, now.t_s, int(row[CAMERA]))
         survey: Survey = lookout.found(spacing_m)
-        known = [f.known for f in self.filters]
+        known = [one.seen for one in self.known]
         return Perceived(
             survey,
             [int(row[CAMERA]) for row in found],
             [row[MISS] for row in found],
             [(row[ERROR], row[TURN]) if there else None for row, there in zip(found, known, strict=True)],
         )
+
+    def moved(self, m: int) -> None:
+        """Take note that a row has moved on."""
+        known = self.known[m]
+        known.estimate = None
+        if not known.seen:
+            known.seen = math.isfinite(self.out[m, _LAST_SEEN])
 
     def _excite(self, m: int, t_s: float, camera: int) -> None:
         """Take note that a measured window was offered."""
@@ -174,30 +181,31 @@ class RowBank(ExactCopies):
             self._excite(m, t_s, camera)
 
 
-class RowFilter:
+class _Known:
+    """What is known of a row: whether its target was ever seen, and the estimate, once somebody asked for it."""
+
+    def __init__(self) -> None:
+        self.seen = False
+        self.estimate: TargetEstimate | None = None
+
+
+class RowFilter(ExactCopies):
     """The learning estimator of one target, in a row of a bank; see ``TargetFilter``."""
 
     name = "learned"
 
     def __init__(self, bank: RowBank, m: int) -> None:
         self.bank, self._m = bank, m
-        self._estimate: TargetEstimate | None = None
+        self._known = bank.known[m]
         self._out, self._pose = bank.out[m], bank.state.pose[m]
-        self.known = False
         self._path: Array = np.empty((0, 8))
-
-    def moved(self) -> None:
-        """Take note that the row has moved on."""
-        self._estimate = None
-        if not self.known:
-            self.known = math.isfinite(self._out[_LAST_SEEN])
 
     @property
     def estimate(self) -> TargetEstimate:
         """See ``TargetFilter.estimate``."""
-        if self._estimate is None:
+        if self._known.estimate is None:
             out = self._out.copy()
-            self._estimate = TargetEstimate(
+            self._known.estimate = TargetEstimate(
                 t_s=float(self._pose[T]),
                 p_world=out[_P : _P + 3],
                 q_world=out[_Q : _Q + 4],
@@ -208,12 +216,12 @@ class RowFilter:
                 region=int(out[REGION_COLUMN]),
                 radius_m=float(out[_RADIUS]),
             )
-        return self._estimate
+        return self._known.estimate
 
     def advance(self, t_s: float, camera: int = -1) -> None:
         """Advance the row."""
         self.bank.advance(self._m, t_s, camera)
-        self.moved()
+        self.bank.moved(self._m)
 
     def correct(self, measurement: PoseMeasurement, region: int) -> None:
         """See ``TargetFilter.correct``.

@@ -18,7 +18,7 @@ looked at. When the last agent of an environment fails, the episode is terminate
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,6 +124,8 @@ class BatchHandoff(ExactCopies):
         self.environments, self.n_agents = environments, self.network.n_agents
         self.possible_agents = [agent.name for agent in scenario.agents]
         self._all, self._seed = np.arange(environments), scenario.seed
+        #: seeds of the present episodes
+        self.seeds: list[int] = [scenario.seed] * environments
         self._running, self._stage = np.zeros(environments, dtype=bool), Stage()
         self._open_rules()
         held = load_frozen(self.network, model) if isinstance(model, str | Path) else model
@@ -202,8 +204,18 @@ class BatchHandoff(ExactCopies):
         self._stage.begin()
         return self.simulation.observations
 
+    def begin_again(self, seeds: Mapping[int, int]) -> NDArray[np.float32]:
+        """Start the episodes of ``seeds`` (environment to seed) anew, beside the sequence of `reset`.
+
+        Returns all observations (E, N, D), as `reset` does.
+        """
+        self._start(np.array(list(seeds), dtype=np.int64), list(seeds.values()))
+        return self.simulation.observations
+
     def _start(self, chosen: IntArray, seeds: list[int]) -> None:
         """Start episodes: physics, failures and messages, which draw from generators of their own."""
+        for e, seed in zip(chosen.tolist(), seeds, strict=True):
+            self.seeds[e] = seed
         self.simulation.reset(chosen, seeds)
         self._mode.reset(chosen)
         if self._messages is not None:

@@ -5,8 +5,10 @@
 >>> joint = BatchVectorEnv(BatchHandoff("quickstart", 64))     # one learner sees all agents of an environment
 >>> rows = sb3_vec_env(BatchHandoff("quickstart", 64))         # every agent is a row: parameter sharing
 
-Episodes start again by themselves in the step that ends them; the last observation of the old one is in the infos, as
-are its figures.
+Episodes start again by themselves. In `BatchVectorEnv` as Gymnasium's modes say: by default in the step after the one
+that ends them (``NEXT_STEP``: its action is not looked at, its reward is 0, it shows the new episode's beginning),
+or in the step that ends them (``SAME_STEP``: the last observation of the old episode is in the infos). The rows of
+`sb3_vec_env` do the latter, as that library asks.
 
 Agents that fail. Vector environments have as many rows as ever, so an agent that has failed keeps its place:
 `BatchVectorEnv` tells who works in ``infos["alive"]`` (E, N). In the rows of `sb3_vec_env` the episode of an agent ends
@@ -39,24 +41,30 @@ _Observations = NDArray[np.float32]
 class BatchVectorEnv(ExactCopies, VectorEnv[_Observations, NDArray[np.float32], Array]):
     """E environments, each with the observations (N, D) and actions (N, 5) of all its agents, and the shared reward.
 
-    Infos hold, for environments whose episode has ended, ``final_obs`` and ``final_info`` (with ``handoff_episode``:
-    the figures of `BatchStep.finished`; see `camnet.env.infos` for their two forms), masked as Gymnasium does.
+    Infos hold ``handoff_episode`` for environments whose episode has ended: the figures of `BatchStep.finished` (see
+    `camnet.env.infos` for their two forms), masked as Gymnasium does. In mode ``SAME_STEP`` they are in
+    ``final_info``, beside ``final_obs``.
 
     Parameters
     ----------
     env : the environments; it must start episodes by itself
+    autoreset_mode : Gymnasium's ``NEXT_STEP``, which its wrappers of observations ask for, or ``SAME_STEP``
 
     Raises
     ------
     ConfigError
-        ``env`` does not start episodes by itself.
+        ``env`` does not start episodes by itself, or the mode is another one.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - Gymnasium's convention
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 - Gymnasium's convention
 
-    def __init__(self, env: BatchHandoff) -> None:
+    def __init__(
+        self, env: BatchHandoff, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP
+    ) -> None:
         _check(env)
         self.env, self.num_envs = env, env.environments
+        self.metadata = {**type(self).metadata, "autoreset_mode": _mode(autoreset_mode)}
+        self._ended = np.zeros(self.num_envs, dtype=bool)
         low, high = (np.tile(bound, (env.n_agents, 1)) for bound in (env.layout.low, env.layout.high))
         self.single_observation_space = spaces.Box(low, high, dtype=np.float32)
         self.single_action_space = batch_space(env.action_space, env.n_agents)
@@ -74,6 +82,7 @@ class BatchVectorEnv(ExactCopies, VectorEnv[_Observations, NDArray[np.float32], 
             A seed is no whole number from 0 on, there are options, or the environments are closed.
         """
         no_options("the vector form", options)
+        self._ended[:] = False
         if not isinstance(seed, list | tuple | np.ndarray):
             return self.env.reset(seed=None if seed is None else checked_seed(seed)), {}
         first = [s for s in seed if s is not None]
@@ -84,19 +93,41 @@ class BatchVectorEnv(ExactCopies, VectorEnv[_Observations, NDArray[np.float32], 
     def step(  # type: ignore[override] # flags are booleans, whatever type the base gives
         self, actions: NDArray[np.float32]
     ) -> tuple[_Observations, Array, BoolArray, BoolArray, dict[str, Any]]:
-        """Fly one decision in all environments."""
+        """Fly one decision in all environments, but for those that begin an episode in this step."""
+        at_once = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+        begin = {int(e): self.env.seeds[e] for e in np.flatnonzero(self._ended)}
         step = self.env.step(actions)
+        begun = self._ended
+        shown, over = step.observations, (step.terminated | step.truncated) & ~begun
+        if not at_once:
+            if begin:  # they were stepped with the others: what came of it is dropped
+                shown = self.env.begin_again(begin)
+            shown = np.where(over[:, None, None], step.last, shown)
+            self._ended = over
         infos: dict[str, Any] = {}
         if self.env.agents_can_fail:
-            infos = {"alive": step.alive, "_alive": np.ones(self.num_envs, dtype=bool)}
-        for e, figures in step.finished.items():
-            last = finished_info(figures, self.env.settings.info_form == "flat")
-            infos = self._add_info(infos, {"final_obs": step.last[e], "final_info": last}, e)
-        return step.observations, step.rewards, step.terminated, step.truncated, infos
+            alive = step.alive | begun[:, None]
+            infos = {"alive": alive, "_alive": np.ones(self.num_envs, dtype=bool)}
+        for e in np.flatnonzero(over).tolist():
+            told = finished_info(step.finished[e], self.env.settings.info_form == "flat")
+            infos = self._add_info(
+                infos, {"final_obs": step.last[e], "final_info": told} if at_once else told, e
+            )
+        rewards = np.where(begun, 0.0, step.rewards)
+        return shown, rewards, step.terminated & ~begun, step.truncated & ~begun, infos
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401 - as in the base
         """End the environments' threads."""
         self.env.close()
+
+
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    by_name = {AutoresetMode.NEXT_STEP.value: AutoresetMode.NEXT_STEP}
+    by_name[AutoresetMode.SAME_STEP.value] = AutoresetMode.SAME_STEP
+    value = given.value if isinstance(given, AutoresetMode) else given
+    if value not in by_name:
+        raise ConfigError(f"autoreset_mode = {given!r}: one of {', '.join(map(repr, by_name))} was expected")
+    return by_name[value]
 
 
 def _check(env: BatchHandoff) -> None:

@@ -9,7 +9,7 @@ Poses come from what the image shows and from the calibrated lens alone; the tru
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -215,6 +215,9 @@ class ImageReader:
         q_camera = snapshot.camera_q_world[camera]
         one = self._keepers[camera][target].choose(plausible, 4, q_camera, snapshot.t_s)
         return Pose(one.p, one.q)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_detectors": {}}  # OpenCV's objects are made again when needed
 
     def patch(self, snapshot: Snapshot, camera: int, target: int) -> Patch | None:
         """Ideal picture of the target's marker and what is around it; None if it is not in the image."""

@@ -113,7 +113,8 @@ def test_assignments_and_masks_are_those_of_the_other_back_end() -> None:
 def test_when_the_last_agent_fails_the_episode_ends_and_another_begins() -> None:
     times = {f"camera_{j}": 0.2 * (j + 1) for j in range(4)}
     env = BatchVectorEnv(
-        BatchHandoff("quickstart", 2, filter_name="ekf", threads=1, failures={"schedule_s": times})
+        BatchHandoff("quickstart", 2, filter_name="ekf", threads=1, failures={"schedule_s": times}),
+        "SameStep",
     )
     env.reset(seed=1)
     for k in range(1, 9):

@@ -151,7 +151,8 @@ def test_the_table_is_the_learned_motion(held):
 
 
 def test_gymnasium_vector_form():
-    env = BatchVectorEnv(BatchHandoff("quickstart", 3, filter_name="ekf", threads=1, max_cycles=4))
+    batch = BatchHandoff("quickstart", 3, filter_name="ekf", threads=1, max_cycles=4)
+    env = BatchVectorEnv(batch, "SameStep")
     observations, infos = env.reset(seed=5)
     assert env.observation_space.contains(observations)
     assert infos == {}
@@ -164,6 +165,30 @@ def test_gymnasium_vector_form():
     assert env.single_observation_space.contains(infos["final_obs"][0])
     assert infos["final_info"]["handoff_episode"]["length"].tolist() == [4, 4, 4]
     env.close()
+
+
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_in_the_next_step_an_episode_begins_as_its_seed_has_it(cycles):
+    def make():
+        return BatchHandoff("quickstart", 2, filter_name="ekf", threads=1, max_cycles=cycles)
+
+    env, other, still = BatchVectorEnv(make()), make(), np.zeros((2, 4, 5))
+    env.reset(seed=5)
+    for _ in range(cycles):
+        shown, _, _, truncated, infos = env.step(still)
+    assert truncated.all()
+    assert infos["handoff_episode"]["length"].tolist() == [cycles] * 2
+    other.reset(seed=5)
+    for _ in range(cycles):
+        step = other.step(still)
+    np.testing.assert_array_equal(shown, step.last)
+    shown, rewards, terminated, truncated, infos = env.step(still)
+    assert not np.any([rewards, terminated, truncated])
+    assert not infos
+    np.testing.assert_array_equal(shown, other.reset([7, 8]))
+    np.testing.assert_array_equal(env.step(still)[0], other.step(still).last)
+    env.close()
+    other.close()
 
 
 def test_stable_baselines_rows():
