@@ -11,6 +11,7 @@ space; these do not. `camnet.env.strategies` makes random environments to run th
 | `check_pettingzoo` | PettingZoo's API tests of the parallel form and of its AEC conversion, silent |
 | `check_containment` | whole random episodes: spaces, types, finiteness, keys; agents that ended stay away |
 | `check_repeatable` | a seed gives one episode, bit for bit, in two instances and after another episode |
+| `check_copies`, `check_misuse`, `check_options`, `check_release` | how it is used: see `camnet.env.conformance_use` |
 | `check_batch` | the same for the batch form: see `camnet.env.conformance_batch` |
 """
 
@@ -23,20 +24,30 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 from pettingzoo.test import api_test, parallel_api_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
 from camnet.env.conformance_batch import ConformanceError, check_batch
+from camnet.env.conformance_use import (
+    check_copies,
+    check_misuse,
+    check_options,
+    check_release,
+    drawn_action,
+)
 
 __all__ = [
     "ConformanceError",
     "check_all",
     "check_batch",
     "check_containment",
+    "check_copies",
+    "check_misuse",
+    "check_options",
     "check_pettingzoo",
+    "check_release",
     "check_repeatable",
     "episode_digest",
 ]
@@ -52,6 +63,10 @@ def check_all(make_env: MakeEnv, episodes: int = 2, seed: int = 0) -> None:
     check_pettingzoo(make_env)
     check_containment(make_env, episodes, seed)
     check_repeatable(make_env, seed)
+    check_copies(make_env, seed)
+    check_misuse(make_env, seed)
+    check_options(make_env)
+    check_release(make_env, seed)
 
 
 def check_pettingzoo(make_env: MakeEnv, cycles: int = 20) -> None:
@@ -90,7 +105,7 @@ def _check_episode(env: ParallelEnv[str, Any, Any], seed: int) -> None:
     while env.agents:
         step += 1
         before = list(env.agents)
-        results = env.step({name: _sample(env, name, rng) for name in env.agents})
+        results = env.step({name: drawn_action(env, name, rng) for name in env.agents})
         for what, content in zip(_RETURNED, results, strict=True):
             _same_keys(f"{what} of step {step}", content, before)
         _check_observations(env, results[0], step)
@@ -132,7 +147,9 @@ def episode_digest(env: ParallelEnv[str, Any, Any], seed: int, actions_seed: int
         for name in sorted(observations):
             for part in _parts(observations[name]):
                 digest.update(np.ascontiguousarray(part).tobytes())
-        observations, rewards, *ends, infos = env.step({name: _sample(env, name, rng) for name in env.agents})
+        observations, rewards, *ends, infos = env.step(
+            {name: drawn_action(env, name, rng) for name in env.agents}
+        )
         digest.update(repr((sorted(rewards.items()), [sorted(end.items()) for end in ends])).encode())
         digest.update(np.ascontiguousarray(env.state()).tobytes())
     digest.update(repr(sorted(infos.items())).encode())
@@ -146,15 +163,6 @@ def _parts(observation: Any) -> Iterator[NDArray[Any]]:  # noqa: ANN401 - whatev
             yield from _parts(observation[key])
     else:
         yield np.asarray(observation)
-
-
-def _sample(env: ParallelEnv[str, Any, Any], name: str, rng: np.random.Generator) -> Any:  # noqa: ANN401
-    space: Any = env.action_space(name)
-    if isinstance(space, spaces.Box):
-        return rng.uniform(space.low, space.high).astype(space.dtype)
-    if isinstance(space, spaces.Discrete):
-        return np.int64(space.start + rng.integers(space.n))
-    raise ConformanceError(f"action space of {name} is {space}; a Box or Discrete was expected")
 
 
 def _same_keys(what: str, content: dict[str, Any], agents: list[str]) -> None:
