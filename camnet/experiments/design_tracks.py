@@ -71,6 +71,12 @@ def design_tracks(
     moving = [t for t in tracks if len(t.t_s) > 1 and np.ptp(t.p_world[:, :2], axis=0).max() > 1e-3]
     if not moving:
         raise DataError(f"{len(tracks)} tracks: none of them moves; a set of trajectories was expected")
+    lasting = max(t.duration_s for t in moving)
+    if lasting <= off_max_s:
+        raise ConfigError(
+            f"--off-max {off_max_s:g}: no track lasts longer than {lasting:g} s, so that nothing asks for a camera; "
+            "give a shorter time"
+        )
     lines = [t.p_world[:, :2] for t in moving]
     roads = arcs_from_polylines(lines, [[] for _ in lines])
     sensors = (
