@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -180,7 +181,7 @@ def policy() -> bytes:
         PolicyHeader(features=tuple(FEATURES)),
         np.zeros(sizes[0]),
         np.ones(sizes[0]),
-        tuple(rng.normal(size=pair) for pair in zip(sizes, sizes[1:], strict=False)),
+        tuple(rng.normal(size=pair) for pair in pairwise(sizes)),
         tuple(rng.normal(size=n) for n in sizes[1:]),
     )
     with tempfile.TemporaryDirectory() as folder:

@@ -17,7 +17,7 @@ from robustness.formats import write_gpx, write_krtd, write_network
 __all__ = ["COMMANDS", "Stage", "build_stage"]
 
 _QUIET = ("--json", "--quiet")
-_RUN = ("--duration", "0.5", "--no-report", "--out", "out", *_QUIET)
+_RUN = ("--no-report", "--out", "out", *_QUIET)
 _PLAY = ("--episodes", "2", "--cycles", "4", "--jobs", "1", "--out", "kept", *_QUIET)
 _CITY = ("certify", "--roads", "city.net.xml", "--off-max", "60", *_QUIET)
 

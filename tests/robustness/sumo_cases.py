@@ -15,6 +15,10 @@ from robustness.text import bad_number, broken_text, misspelt, same_number
 
 __all__ = ["BROKEN", "HARMLESS", "MEANING"]
 
+_LOCATION = (
+    '<location netOffset="0.00,0.00" convBoundary="0.00,0.00,100.00,100.00" origBoundary="0.00,0.00,100.00,100.00" '
+    'projParameter="!"/>'
+)
 _NET, _TABLE = "city.net.xml", "city.csv"
 _COMMAND = COMMANDS["certify city"]
 _Net = dict[str, Any]
@@ -224,9 +228,7 @@ def _rewritten(rng: Random) -> Case:
         if rng.random() < 0.3:
             edge |= {"name": rng.choice(("Hauptstra\u00dfe", "<b>", "a & b")), "shape": lane["shape"]}
     rng.shuffle(net["connections"])
-    head = rng.choice(
-        ("", "<!-- made by hand -->", '<location netOffset="0.00,0.00"/>', '<type id="x" priority="1"/>')
-    )
+    head = rng.choice(("", "<!-- made by hand -->", _LOCATION, '<type id="x" priority="1"/>'))
     text = write_network(net, head, rng.choice(("\n", "\r\n", "\n\n    ", "")))
     return changed("sumo", "rewritten", Nature.HARMLESS, _COMMAND, _NET, text)
 

@@ -8,12 +8,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from robustness.case import Answer, Case, Nature  # noqa: E402 - the folder above is on the path now
-from robustness.generate import draw  # noqa: E402
-from robustness.judge import faults, result_of  # noqa: E402
-from robustness.runner import run_all, run_words  # noqa: E402
-from robustness.stage import COMMANDS, Stage, build_stage  # noqa: E402
-from robustness.yaml_cases import HARMLESS, MEANING  # noqa: E402
+from robustness.case import Answer, Case, Nature
+from robustness.generate import draw
+from robustness.judge import faults, result_of
+from robustness.runner import run_all, run_words
+from robustness.stage import COMMANDS, Stage, build_stage
+from robustness.yaml_cases import HARMLESS, MEANING
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,17 @@ def test_cases_are_drawn_in_their_shares_and_the_same_from_one_seed(stage: Stage
     natures = Counter(case.nature for case in cases)
     assert natures[Nature.MEANING] >= 0.4 * len(cases)
     assert natures[Nature.HARMLESS] >= 0.2 * len(cases)
-    assert {c.kind for c in cases} == {"yaml", "csv", "gpx", "krtd", "sumo", "model", "policy", "run folder", "resume"}
+    assert {c.kind for c in cases} == {
+        "yaml",
+        "csv",
+        "gpx",
+        "krtd",
+        "sumo",
+        "model",
+        "policy",
+        "run folder",
+        "resume",
+    }
     assert all(case.answers for case in cases)
 
 
