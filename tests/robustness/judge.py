@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from robustness.case import Answer, Case, Command
 from robustness.outcome import Outcome
 from robustness.runner import CPU_S
 
-__all__ = ["answer_of", "faults", "result_of"]
+__all__ = ["Base", "answer_of", "faults", "result_of"]
 
 #: what two runs of one input may differ in: names and paths, clocks, the version
 _SPARED = frozenset({"version", "config", "real_time_factor", "wall_s", "file"})
@@ -27,15 +28,30 @@ def result_of(command: Command, outcome: Outcome) -> Any:
     return content
 
 
-def answer_of(case: Case, outcome: Outcome) -> Answer | None:
+@dataclass(frozen=True, slots=True)
+class Base:
+    """What a command answers to the unchanged input: 0, or 1 where its verdict is that something is not reached."""
+
+    status: int
+    result: Any
+
+    @classmethod
+    def of(cls, command: Command, outcome: Outcome) -> Base:
+        """Take it from an outcome."""
+        return cls(outcome.status, result_of(command, outcome))
+
+
+def answer_of(case: Case, outcome: Outcome, bases: Mapping[str, Base]) -> Answer | None:
     """Return which answer an exit status stands for."""
+    if outcome.status == bases[case.command.name].status:
+        return Answer.UNCHANGED
     return {0: Answer.UNCHANGED, 1: Answer.FAILED, 2: Answer.REFUSED}.get(outcome.status)
 
 
-def faults(case: Case, outcome: Outcome, bases: Mapping[str, Any]) -> list[str]:
+def faults(case: Case, outcome: Outcome, bases: Mapping[str, Base]) -> list[str]:
     """Return what is wrong with an outcome; nothing if it is as expected."""
     found = []
-    answer = answer_of(case, outcome)
+    answer = answer_of(case, outcome, bases)
     if "Traceback (most recent call last)" in outcome.stderr:
         found.append("traceback")
     if answer is None:
@@ -53,13 +69,15 @@ def faults(case: Case, outcome: Outcome, bases: Mapping[str, Any]) -> list[str]:
     return [*found, *_leftovers(case, outcome, answer)]
 
 
-def _differs(case: Case, outcome: Outcome, bases: Mapping[str, Any]) -> list[str]:
+def _differs(case: Case, outcome: Outcome, bases: Mapping[str, Base]) -> list[str]:
+    base = bases[case.command.name]
+    if outcome.status != base.status:
+        return [f"ended with status {outcome.status}, not {base.status}"]
     try:
         result = result_of(case.command, outcome)
     except ValueError:
         return ["printed no JSON object"]
-    base = bases[case.command.name]
-    return [] if result == base else [f"another result: {_where(base, result)}"]
+    return [] if result == base.result else [f"another result: {_where(base.result, result)}"]
 
 
 def _leftovers(case: Case, outcome: Outcome, answer: Answer | None) -> list[str]:
