@@ -12,9 +12,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from robustness.case import Case, Nature
+from robustness.case import Answer, Case, Nature
 from robustness.generate import draw
-from robustness.judge import answer_of, faults, result_of
+from robustness.judge import Base, answer_of, faults
 from robustness.outcome import Outcome
 from robustness.runner import run_all, run_words
 from robustness.stage import COMMANDS, Stage, build_stage
@@ -35,9 +35,8 @@ class Tally:
         self.longest_s = 0.0
         self.peak_bytes = 0
 
-    def add(self, case: Case, real: bool, outcome: Outcome, wrong: list[str]) -> None:
+    def add(self, case: Case, real: bool, outcome: Outcome, answer: Answer | None, wrong: list[str]) -> None:
         """Count one case."""
-        answer = answer_of(case, outcome)
         self.kinds[case.kind, "other" if answer is None else answer.value] += 1
         self.natures[case.nature.value] += 1
         self.real += real
@@ -66,16 +65,16 @@ class Tally:
         }
 
 
-def bases_of(stage: Stage) -> dict[str, Any]:
+def bases_of(stage: Stage) -> dict[str, Base]:
     """Return the result of every command on the unchanged stage; two runs of each must agree."""
     bases = {}
     for command in COMMANDS.values():
         first, second = run_words(stage, command), run_words(stage, command)
-        if first.status != 0 or result_of(command, first) != result_of(command, second):
+        if first.status not in (0, 1) or Base.of(command, first) != Base.of(command, second):
             raise SystemExit(
                 f"{command.name}: the unchanged input fails or is not repeatable: {first.stderr}"
             )
-        bases[command.name] = result_of(command, first)
+        bases[command.name] = Base.of(command, first)
     return bases
 
 
@@ -97,7 +96,7 @@ def main() -> None:
     cases = _with_reals(draw(stage, args.seed, args.cases), args.seed, args.cases, args.real)
     for k, (case, real, outcome) in enumerate(run_all(stage, cases, args.jobs), start=1):
         wrong = faults(case, outcome, bases)
-        tally.add(case, real, outcome, wrong)
+        tally.add(case, real, outcome, answer_of(case, outcome, bases), wrong)
         if wrong:
             print(f"{case.kind}, {case.label} ({case.nature.value}): {'; '.join(wrong)}", flush=True)
             if len(tally.faults) <= _SHOWN:

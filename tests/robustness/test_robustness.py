@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from robustness.case import Answer, Case, Nature
 from robustness.generate import draw
-from robustness.judge import faults, result_of
+from robustness.judge import Base, faults
 from robustness.runner import run_all, run_words
 from robustness.stage import COMMANDS, Stage, build_stage
 from robustness.yaml_cases import HARMLESS, MEANING
@@ -45,7 +45,7 @@ def test_cases_are_drawn_in_their_shares_and_the_same_from_one_seed(stage: Stage
 def test_the_judge_finds_what_is_wrong(stage: Stage) -> None:
     """Right answers pass; another result, an accepted fault, a refused harmless change and a leftover do not."""
     command = COMMANDS["certify cameras"]
-    base = {command.name: result_of(command, run_words(stage, command))}
+    base = {command.name: Base.of(command, run_words(stage, command))}
     other = stage.files["cameras/north.krtd"].replace(b"1500.0", b"1400.0")
     unchanged, refused = frozenset({Answer.UNCHANGED}), frozenset({Answer.REFUSED})
 
@@ -72,6 +72,6 @@ def test_a_few_cases_of_worlds_are_answered_rightly(stage: Stage) -> None:
 
     makers = [*MEANING, *HARMLESS]
     cases = [make(Random(k)) for k, make in enumerate(makers)]
-    bases = {c.name: result_of(c, run_words(stage, c)) for c in {case.command for case in cases}}
+    bases = {c.name: Base.of(c, run_words(stage, c)) for c in {case.command for case in cases}}
     for case, _, outcome in run_all(stage, [(case, k == 0) for k, case in enumerate(cases)], 2):
         assert not faults(case, outcome, bases), (case.label, outcome.stderr)
