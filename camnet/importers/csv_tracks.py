@@ -71,8 +71,10 @@ def read_csv_tracks(path: Path, options: TrackOptions) -> tuple[Track, ...]:
                 f"{where}: {len(row)} fields {quoted(','.join(row))}; the header has {len(columns.names)}"
             )
         identity = unnamed if columns.identity is None else row[columns.identity].strip()
-        if not identity:
-            raise DataError(f"{where}: the identity is empty; a name was expected")
+        if not identity or '"' in identity:
+            raise DataError(
+                f"{where}: the identity is {quoted(identity)}; a name without quotes was expected"
+            )
         fixes.setdefault(identity, Fixes()).add(*_fix(row, columns, where, options.height_m, clock))
     return tracks_from_fixes(fixes, str(path), options, columns.geodetic)
 

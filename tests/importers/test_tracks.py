@@ -199,7 +199,7 @@ FAULTS = [
     ("csv", "a,1,2,3", "a,1,inf,3", r"line 3: x is 'inf'; a finite number"),
     ("csv", "a,1,2,3", "a,yesterday,2,3", r"line 3: t is 'yesterday'"),
     ("csv", "a,1,2,3", "a,2018-13-01,2,3", r"line 3: t is '2018-13-01'; seconds or a time such as"),
-    ("csv", "a,1,2,3", ",1,2,3", r"line 3: the identity is empty"),
+    ("csv", "a,1,2,3", ",1,2,3", r"line 3: the identity is ''"),
     ("csv", "a,1,2,3", 'a,1,"2,3', r"line \d: not a CSV row"),
     ("csv", CSV, "id,t,lat,lon\na,0,91,0\n", r"line 2: lat is '91'; -90 to 90 degrees"),
     ("csv", CSV, "id,t,lat,lon\na,0,9,-181\n", r"line 2: lon is '-181'; -180 to 180 degrees"),

@@ -16,7 +16,7 @@ __all__ = ["Base", "answer_of", "faults", "result_of"]
 
 #: what two runs of one input may differ in: names and paths, clocks, the version
 _SPARED = frozenset({"version", "config", "real_time_factor", "wall_s", "file"})
-_UNFINISHED = re.compile(r"(^|/)\.|partial|\.lock$|\.tmp$")
+_UNFINISHED = re.compile(r"(^|/)\.(?!camnet\.json$)|partial|\.lock$|\.tmp$")
 
 
 def result_of(command: Command, outcome: Outcome) -> Any:

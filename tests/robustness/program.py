@@ -13,7 +13,7 @@ from random import Random
 from typing import Any
 
 from robustness.case import Answer, Case, Nature
-from robustness.generate import draw
+from robustness.generate import KINDS, draw
 from robustness.judge import Base, answer_of, faults
 from robustness.outcome import Outcome
 from robustness.runner import run_all, run_words
@@ -93,7 +93,7 @@ def main() -> None:
     bases = bases_of(stage)
     print(f"prepared in {time.monotonic() - started:.0f} s", flush=True)
     tally = Tally()
-    cases = _with_reals(draw(stage, args.seed, args.cases), args.seed, args.cases, args.real)
+    cases = _with_reals(draw(stage, args.seed, args.cases, args.kinds), args.seed, args.cases, args.real)
     for k, (case, real, outcome) in enumerate(run_all(stage, cases, args.jobs), start=1):
         wrong = faults(case, outcome, bases)
         tally.add(case, real, outcome, answer_of(case, outcome, bases), wrong)
@@ -117,6 +117,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=3000)
     parser.add_argument(
         "--real", type=int, default=100, help="of them, as processes from the start (default 100)"
+    )
+    parser.add_argument(
+        "--kinds", nargs="*", default=(), choices=list(KINDS), help="of inputs (default: all)"
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--json", type=Path, help="file for counts and faults")

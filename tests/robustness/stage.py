@@ -61,10 +61,30 @@ class Stage:
                 path.write_bytes(content)
 
 
-def build_stage() -> Stage:
-    """Make all valid files; what commands write is written by them, which also compiles what they need."""
-    net = write_network(inputs.network())
-    files = {
+def build_stage(saved: bool = True) -> Stage:
+    """Make all valid files; what commands write is written by them, which also compiles what they need.
+
+    Without ``saved`` nothing is there that an earlier run has left behind.
+    """
+    content = {name: text.encode() for name, text in _texts().items()}
+    with tempfile.TemporaryDirectory(prefix="robustness-stage-") as name, _inside(Path(name)) as folder:
+        Stage(content).write(folder, Command("all", (), tuple(content)), {})
+        if saved:
+            content |= _left_behind(folder)
+        for command in COMMANDS.values():  # once in this process, so that its forks find everything compiled
+            if all(any(name.startswith(part) for name in content) for part in command.files):
+                Stage(content).write(folder, command, {})
+                _run(
+                    *(
+                        word if word not in ("out", "kept") else f"warm {command.name}"
+                        for word in command.argv
+                    )
+                )
+    return Stage(content)
+
+
+def _texts() -> dict[str, str]:
+    return {
         "world.yaml": inputs.dump(inputs.WORLD),
         "track.yaml": inputs.dump(inputs.TRACK_WORLD),
         "gpx.yaml": inputs.dump(inputs.GPX_WORLD),
@@ -73,29 +93,22 @@ def build_stage() -> Stage:
         "walk.gpx": write_gpx(inputs.gpx()),
         "cameras/north.krtd": write_krtd(*inputs.krtd(0.0, 30.0, 1.5)),
         "cameras/south.krtd": write_krtd(*inputs.krtd(0.0, -30.0, -1.5)),
-        "city.net.xml": net,
+        "city.net.xml": write_network(inputs.network()),
         "city.csv": inputs.CAMERAS,
     }
-    content = {name: text.encode() for name, text in files.items()}
-    content["policy.npz"] = inputs.policy()
-    with tempfile.TemporaryDirectory(prefix="robustness-stage-") as name, _inside(Path(name)) as folder:
-        Stage(content).write(folder, Command("all", (), tuple(content)), {})
-        drawn = ("--duration", "1", "--no-video", "--quiet", "--out")
-        _run("simulate", "world.yaml", *drawn, "run", "--save-model", "learned.npz")
-        _run("certify", "world.yaml", "--learn", "--duration", "90", "--out", "learned", *_QUIET)
-        _run(*COMMANDS["evaluate again"].argv)
-        for command in COMMANDS.values():  # once in this process, so that its forks find everything compiled
-            if command.name not in ("evaluate again", "simulate model", "certify model"):
-                _run(
-                    *(
-                        word if word not in ("out", "kept") else f"warm {command.name}"
-                        for word in command.argv
-                    )
-                )
-        for made in ("learned.npz", "run", "kept", "learned/model.npz"):
-            content |= _collected(folder, made)
-    content["model.npz"] = content.pop("learned/model.npz")
-    return Stage(content)
+
+
+def _left_behind(folder: Path) -> dict[str, bytes]:
+    """Learned models, a run's folder, kept episodes and a policy."""
+    drawn = ("--duration", "1", "--no-video", "--quiet", "--out")
+    _run("simulate", "world.yaml", *drawn, "run", "--save-model", "learned.npz")
+    _run("certify", "world.yaml", "--learn", "--duration", "90", "--out", "learned", *_QUIET)
+    _run(*COMMANDS["evaluate again"].argv)
+    found = {"policy.npz": inputs.policy()}
+    for made in ("learned.npz", "run", "kept", "learned/model.npz"):
+        found |= _collected(folder, made)
+    found["model.npz"] = found.pop("learned/model.npz")
+    return found
 
 
 def _collected(folder: Path, name: str) -> dict[str, bytes]:
