@@ -32,6 +32,9 @@ _OPENCV_LENGTHS = (0, 4, 5, 8, 12, 14)  # the numbers of distortion coefficients
 #: widest view: image size over focal length (170 degrees); lens models end before
 _WIDEST = 2.0 * math.tan(math.radians(85.0))
 
+#: how far the principal point may be from the image's middle, as a share of its size
+_OFF_CENTRE = 0.35
+
 Row = tuple[int, list[float]]
 
 
@@ -161,6 +164,10 @@ def _intrinsics(where: str, k: Array, distortion: list[float], width_px: int, he
     for name, value, size in (("cx", k[0, 2], width_px), ("cy", k[1, 2], height_px)):
         if not 0 < value < size:
             raise DataError(f"{where}: {name} is {value:g}; the image ends at {size} px: is its size right?")
+        if abs(value / size - 0.5) > _OFF_CENTRE:
+            raise DataError(
+                f"{where}: {name} is {value:g}, far from the middle of {size} px: are the image's width and height right?"
+            )
     if len(distortion) > _OPENCV_LENGTHS[-1]:
         raise DataError(f"{where}: D has {len(distortion)} numbers; OpenCV's models have at most 14")
     length = next(n for n in _OPENCV_LENGTHS if n >= len(distortion))

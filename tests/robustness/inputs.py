@@ -15,6 +15,8 @@ import yaml
 __all__ = [
     "CAMERAS",
     "GPX_WORLD",
+    "NORTH",
+    "SOUTH",
     "TRACK_WORLD",
     "WORLD",
     "dump",
@@ -95,9 +97,11 @@ def _with_motion(**motion: Any) -> dict[str, Any]:
 
 
 TRACK_WORLD = _with_motion(file="walk.csv", id="a")
-GPX_WORLD = _with_motion(file="walk.gpx", format="gpx", origin=[44.0, 11.0, 50.0])
+GPX_WORLD = _with_motion(file="walk.gpx", format="gpx", id="a", origin=[44.0, 11.0, 50.0])
 
 CAMERAS = "name,x,y\nsouth,50,0\nnorth,52.5,100\n"
+#: place, m, and direction of two cameras that look at each other's ground, rad
+NORTH, SOUTH = (0.0, 30.0, -1.5), (0.0, -30.0, 1.5)
 _SIDE_M = 100.0
 
 

@@ -19,11 +19,11 @@ _COMMAND = COMMANDS["certify cameras"]
 
 
 def _parts() -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
-    return inputs.krtd(0.0, 30.0, 1.5)
+    return inputs.krtd(*inputs.NORTH)
 
 
 def _case(label: str, content: str, *mentions: str) -> Case:
-    return changed("krtd", label, Nature.MEANING, _COMMAND, _FILE, content, *(mentions or ("north.krtd",)))
+    return changed("krtd", label, Nature.MEANING, _COMMAND, _FILE, content, *(mentions or ("north",)))
 
 
 def _tokens(text: str) -> list[tuple[int, int]]:
@@ -44,7 +44,7 @@ def _number(rng: Random) -> Case:
     if not bad:
         label, bad = "words", "x"
     at = rng.choice(_tokens(text))
-    return _case(f"number: {label}", _replaced(text, at, bad), f"line {at[0] + 1}")
+    return _case(f"number: {label}", _replaced(text, at, bad), f"line {at[0] + 1}", "north.krtd")
 
 
 def _intrinsics(rng: Random) -> Case:

@@ -91,8 +91,8 @@ def _texts() -> dict[str, str]:
         "walk.csv": inputs.table(inputs.fixes()),
         "people.csv": inputs.table(inputs.fixes()),
         "walk.gpx": write_gpx(inputs.gpx()),
-        "cameras/north.krtd": write_krtd(*inputs.krtd(0.0, 30.0, 1.5)),
-        "cameras/south.krtd": write_krtd(*inputs.krtd(0.0, -30.0, -1.5)),
+        "cameras/north.krtd": write_krtd(*inputs.krtd(*inputs.NORTH)),
+        "cameras/south.krtd": write_krtd(*inputs.krtd(*inputs.SOUTH)),
         "city.net.xml": write_network(inputs.network()),
         "city.csv": inputs.CAMERAS,
     }

@@ -9,7 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from robustness.case import Answer, Case, Nature
-from robustness.generate import draw
+from robustness.generate import KINDS, draw
 from robustness.judge import Base, faults
 from robustness.runner import run_all, run_words
 from robustness.stage import COMMANDS, Stage, build_stage
