@@ -166,7 +166,7 @@ def _intrinsics(where: str, k: Array, distortion: list[float], width_px: int, he
             raise DataError(f"{where}: {name} is {value:g}; the image ends at {size} px: is its size right?")
         if abs(value / size - 0.5) > _OFF_CENTRE:
             raise DataError(
-                f"{where}: {name} is {value:g}, far from the middle of {size} px: are the image's width and height right?"
+                f"{where}: {name} is {value:g}, far from the middle of {size} px: are width and height right?"
             )
     if len(distortion) > _OPENCV_LENGTHS[-1]:
         raise DataError(f"{where}: D has {len(distortion)} numbers; OpenCV's models have at most 14")
