@@ -40,7 +40,11 @@ def add_common(parser: argparse.ArgumentParser, out: str = "nothing is written")
         metavar="N",
         help="fixes everything random, from 0 on (default: the file's, else 0)",
     )
-    group.add_argument("--force", action="store_true", help="replace --out, or start it anew, if camnet wrote all of it")
+    group.add_argument(
+        "--force",
+        action="store_true",
+        help="replace --out, or start it anew, where it holds only what camnet wrote",
+    )
     add_messages(group)
 
 
