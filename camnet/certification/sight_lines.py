@@ -18,9 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from camnet.certification.coverage import Views
+from camnet.compiled import cached_njit
 from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["Solids", "seen_by", "seen_pairs", "sight_blocked"]
@@ -84,7 +84,7 @@ def sight_blocked(eyes: Array, points: Array, solids: Solids) -> BoolArray:
     )
 
 
-@njit(cache=True)
+@cached_njit
 def _blocked(e: Array, p: Array, normals: Array, limits: Array, ptr: IntArray) -> bool:
     """Whether some solid holds an inner part of the line from e to p."""
     for i in range(len(ptr) - 1):
@@ -107,7 +107,7 @@ def _blocked(e: Array, p: Array, normals: Array, limits: Array, ptr: IntArray) -
     return False
 
 
-@njit(cache=True)
+@cached_njit
 def _blocked_rows(eyes: Array, points: Array, normals: Array, limits: Array, ptr: IntArray) -> BoolArray:
     out = np.empty(len(eyes), dtype=np.bool_)
     for n in range(len(eyes)):
@@ -115,7 +115,7 @@ def _blocked_rows(eyes: Array, points: Array, normals: Array, limits: Array, ptr
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _sees(
     points: Array, a: Array, b: Array, bounds: Array, eye: Array, normals: Array, limits: Array, ptr: IntArray
 ) -> bool:
@@ -133,7 +133,7 @@ def _sees(
     return True
 
 
-@njit(cache=True)
+@cached_njit
 def _seen_by(
     points: Array,
     a: Array,
@@ -151,7 +151,7 @@ def _seen_by(
     return out
 
 
-@njit(cache=True)
+@cached_njit
 def _seen_pairs(
     points: Array,
     camera: IntArray,

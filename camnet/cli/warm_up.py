@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     folders = cache_folders()
     files, size_bytes = held()
     content = {
-        "cache": None if folders.write is None else str(folders.write),
+        "folder": None if folders.write is None else str(folders.write),
         "lasting": folders.lasting,
         "compiled": sum(d.compiled for d in done),
         "kept_functions": files,
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(content)
     else:
         print(f"compiled {content['compiled']} functions in {content['wall_s']:.0f} s")
-        print(f"kept {files} functions, {size_bytes / 1e6:.1f} MB, in {content['cache']}")
+        print(f"kept {files} functions, {size_bytes / 1e6:.1f} MB, in {content['folder']}")
     if not folders.lasting:
         warn("nothing of this lasts: no folder can be written where later runs look")
         return 1
