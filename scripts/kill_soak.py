@@ -48,7 +48,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         *("--cycles", "40", "--back-end", "pybullet", "--jobs", "2"),
     ),
     "train": ("train", "--steps", "1024", *(word for text in _SMALL for word in ("--set", text))),
-    "reproduce": ("reproduce", "adate-navigation", "--seeds", "2"),
+    # it starts anew, also where a run ended before it was killed
+    "reproduce": ("reproduce", "adate-navigation", "--seeds", "2", "--force"),
     "report": ("report",),
 }
 
@@ -194,11 +195,8 @@ def soak(name: str, kills: int, rng: random.Random, base: Path, python: str) -> 
             faults.append(f"round {rounds}: other results than alone: {', '.join(names)}")
         faults += [f"round {rounds}: {text}" for text in leftovers(place, folder)]
         rounds += 1
-        print(
-            f"{name}: {done} of {kills} kills, {rounds} rounds, {len(faults)} faults",
-            file=sys.stderr,
-            flush=True,
-        )
+        words = f"{name}: {done} of {kills} kills, {rounds} rounds, {len(faults)} faults"
+        print("; ".join([words, *faults[-1:]]), file=sys.stderr, flush=True)
     return {
         "kills": done,
         "rounds": rounds,
