@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -68,6 +69,16 @@ class FeatureRows(ExactCopies, VecEnvWrapper):
         self.normaliser = Normaliser.none()
         #: observations (B, D) behind the last features
         self.shown: NDArray[np.float32] = np.zeros((rows.num_envs, 0), dtype=np.float32)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            **self.__dict__,
+            "class_attributes": None,
+        }  # of the class, as the base keeps them: not to be copied
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.class_attributes = dict(inspect.getmembers(type(self)))
 
     def _features(self, shown: NDArray[np.float32]) -> NDArray[np.float32]:
         self.shown = shown
