@@ -54,7 +54,7 @@ def _of_run(change: _RunChange, run: _Run, nature: Nature) -> Callable[[Random],
     def make(rng: Random) -> Case:
         label, files = change(rng, run)
         answer = Answer.UNCHANGED if nature is Nature.HARMLESS else Answer.REFUSED
-        mentions = () if nature is Nature.HARMLESS else tuple(name.rpartition("/")[2] for name in files)
+        mentions = () if nature is Nature.HARMLESS else ("summary.json", "log.parquet", "handoffs.json")
         return Case(
             "run folder", label, nature, COMMANDS["report run"], files, (), frozenset({answer}), mentions
         )
