@@ -107,6 +107,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output left
         _close_output()
         return 1
+    except MemoryError as error:
+        print(f"camnet: out of memory ({error or 'no more could be had'}): ask for less", file=sys.stderr)
+        return 1
     except OSError as error:
         print(f"camnet: {plain_words(error)}", file=sys.stderr)
         _close_output()
