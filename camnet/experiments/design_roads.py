@@ -50,9 +50,18 @@ def way_limit(target: RoadTargetClass, off_max_s: float | None, unseen_max_m: fl
     return limit
 
 
+#: most candidate places along roads
+_MOST_CANDIDATES = 1_000_000
+
+
 def candidates_of(site: RoadSite, spacing_m: float) -> list[Sensor]:
     """Return the candidate places of a road network: its junctions, and points every ``spacing_m`` along its roads."""
     roads = site.roads
+    count = len(site.junctions) + float(roads.length_m.sum()) / spacing_m
+    if count > _MOST_CANDIDATES:
+        raise ConfigError(
+            f"--spacing {spacing_m:g}: {count:.4g} candidate places, more than {_MOST_CANDIDATES:,}: take more"
+        )
     places = [(f"junction {k}", p) for k, p in enumerate(site.junctions)]
     for arc in range(roads.n_arcs):
         length = float(roads.length_m[arc])

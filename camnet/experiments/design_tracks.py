@@ -39,6 +39,10 @@ __all__ = ["design_tracks", "timed_coverage", "track_candidates", "unseen_stretc
 _CREEP_M = 1e-7
 #: step at which the answer is checked by looking, s
 _LOOK_S = 0.1
+#: most places of a grid
+_MOST_CANDIDATES = 1_000_000
+#: most of these steps, over all tracks
+_MOST_LOOKS = 20_000_000
 #: the longest stretches out of view that the map shows
 _DRAWN = 20
 
@@ -76,6 +80,12 @@ def design_tracks(
         raise ConfigError(
             f"--off-max {off_max_s:g}: no track lasts longer than {lasting:g} s, so that nothing asks for a camera; "
             "give a shorter time"
+        )
+    looks = sum(t.duration_s for t in moving) / _LOOK_S
+    if looks > _MOST_LOOKS:
+        raise DataError(
+            f"the tracks last {looks * _LOOK_S:.4g} s in all, {looks:.4g} looks of {_LOOK_S:g} s; at most "
+            f"{_MOST_LOOKS:,} are possible: are their times in seconds?"
         )
     lines = [t.p_world[:, :2] for t in moving]
     roads = arcs_from_polylines(lines, [[] for _ in lines])
@@ -130,17 +140,19 @@ def track_candidates(lines: Sequence[Array], spacing_m: float, footprint_m: floa
     """Return places on a square grid that have a track within half a footprint."""
     points = np.concatenate(lines)
     low = points.min(axis=0) - 0.5 * footprint_m
-    size = np.ceil((np.ptp(points, axis=0) + footprint_m) / spacing_m).astype(int) + 1
-    if int(size.prod()) > 1_000_000:
+    cells = np.ceil((np.ptp(points, axis=0) + footprint_m) / spacing_m) + 1.0
+    if cells.prod() > _MOST_CANDIDATES:
         raise ConfigError(
-            f"--spacing {spacing_m:g}: the grid of candidates has {int(size.prod())} places; take more"
+            f"--spacing {spacing_m:g}: the grid of candidates has {cells.prod():.4g} places; at most "
+            f"{_MOST_CANDIDATES:,} are possible: take more"
         )
+    size = cells.astype(int)
     near = np.zeros(size, dtype=bool)
     reach = math.ceil(0.5 * footprint_m / spacing_m)
-    cells = np.unique(np.round((points - low) / spacing_m).astype(int), axis=0)
+    near_cells = np.unique(np.round((points - low) / spacing_m).astype(int), axis=0)
     for dx in range(-reach, reach + 1):
         for dy in range(-reach, reach + 1):
-            shifted = np.clip(cells + np.array([dx, dy]), 0, size - 1)
+            shifted = np.clip(near_cells + np.array([dx, dy]), 0, size - 1)
             near[shifted[:, 0], shifted[:, 1]] = True
     return [
         Sensor(f"grid {i} {j}", float(low[0] + i * spacing_m), float(low[1] + j * spacing_m))

@@ -21,6 +21,8 @@ __all__ = ["Fixes", "TrackOptions", "tracks_from_fixes"]
 
 #: how far from its origin a local frame still is one, m
 _LOCAL_M = 200_000.0
+#: farthest place of a track in metres: projected coordinates of any zone on Earth are nearer, m
+_FARTHEST_M = 2e7
 #: fixes of one identity at one time that lie farther apart are two targets, m
 _SAME_PLACE_M = 20.0
 
@@ -103,6 +105,11 @@ class Fixes:
             raise DataError(
                 f"{where}: track {identity!r} steps back in time from {t[back[0]]} to {t[back[0] + 1]} s; "
                 "rows in the order of time were expected"
+            )
+        farthest = max(map(abs, (*self.x, *self.y)), default=0.0)
+        if farthest > _FARTHEST_M:
+            raise DataError(
+                f"{where}: track {identity!r} is {farthest:.4g} m from the origin, more than {_FARTHEST_M:g} m"
             )
         chosen = np.unique(t, return_index=True)[1]
         self._at_one_place(identity, where, t, chosen)

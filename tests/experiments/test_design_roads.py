@@ -255,3 +255,23 @@ def test_a_network_by_sumos_own_generator(capsys, tmp_path):
         capsys, "certify", "--roads", net, "--cameras", tmp_path / "out" / "cameras.csv", "--off-max", 100, "--json"
     )  # fmt: skip
     assert report["claims"]["unseen"]["verdict"] == "certified"
+
+
+def test_sizes_are_refused_before_they_are_made(tmp_path: Path, capsys):
+    from camnet.cli.main import main
+
+    def refused(words: list[str], *mentions: str) -> None:
+        assert main([*words, "--quiet"]) == 2
+        said = capsys.readouterr().err
+        assert all(mention in said for mention in mentions), said
+
+    tracks = tmp_path / "t.csv"
+    tracks.write_text("id,t,x,y\na,0,0,0\na,100,50,0\n")
+    refused(["design", "--tracks", str(tracks), "--spacing", "1e-9"], "--spacing 1e-09", "1,000,000")
+    refused(
+        ["design", "--tracks", str(tracks), "--off-max", "100"], "--off-max 100", "nothing asks for a camera"
+    )
+    tracks.write_text("id,t,x,y\na,0,0,0\na,99999999,50,0\n")
+    refused(["design", "--tracks", str(tracks)], "1e+09 looks", "seconds?")
+    tracks.write_text("id,t,x,y\na,0,0,0\na,100,1e9,0\n")
+    refused(["design", "--tracks", str(tracks)], "1e+09 m from the origin")
