@@ -121,7 +121,7 @@ def fault(smoke: Smoke, prints_json: bool, scripts: Path, folder: Path) -> str |
     words = [*smoke.words.split(), *(["--json"] if prints_json else [])]
     done = subprocess.run(
         [str(scripts / "camnet"), *words], cwd=folder, env=environment(folder), capture_output=True, text=True,
-        timeout=900, check=False,
+        check=False,
     )  # fmt: skip
     if done.returncode != smoke.status:
         return f"status {done.returncode} where {smoke.status} is expected\n{done.stderr}"
@@ -147,7 +147,8 @@ def run_row(row: tuple[Smoke, ...], known: dict[str, bool], scripts: Path, folde
             flush=True,
         )
         if wrong:
-            faults.append(f"camnet {smoke.words}: {wrong}")
+            print(wrong, flush=True)
+            faults.append(f"camnet {smoke.words}")
     return faults
 
 
