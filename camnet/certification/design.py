@@ -52,7 +52,7 @@ class Placement:
     certified : whether the certifier finds no violation with the chosen set
     optimal : whether ``cost`` meets the bound
     rounds, ways : integer programmes solved and ways that had to be listed
-    seconds : time taken, s
+    seconds : processor time taken, s
     """
 
     chosen: IntArray
@@ -105,7 +105,7 @@ def place_cameras(
     least_view_m : stretches in view that are shorter do not count, m
     costs : (n_candidates,) cost of each, positive; None: one each, so that the number is minimised
     exact_limit : lower bound by integer programming up to this many candidates, by linear programming beyond
-    time_limit_s : for improvement and bound; a first certified set is found whatever it takes
+    time_limit_s : processor time for improvement and bound; a first certified set is found whatever it takes
     seed : of the neighbourhoods' order
     progress : called with the share of the time that is spent
 
@@ -144,7 +144,7 @@ class _Search:
         limit_m: float,
         progress: Callable[[float], None] | None,
     ) -> None:
-        self._begun = time.perf_counter()
+        self._begun = time.process_time()
         self._usable, self._weight, self._progress = usable, weight, progress
         self._search = WaySearch(roads, usable, limit_m)
         self._whole_costs = bool(np.allclose(weight, np.round(weight)))
@@ -157,8 +157,8 @@ class _Search:
             self._places[usable.camera[row]] = roads.position(int(usable.arc[row]), middle)
 
     def spent(self) -> float:
-        """Return the time since the beginning, s."""
-        return time.perf_counter() - self._begun
+        """Return the processor time since the beginning, s: a busy machine gets the same answer later."""
+        return time.process_time() - self._begun
 
     def _cost(self, chosen: IntArray) -> float:
         return float(self._weight[chosen].sum())

@@ -11,6 +11,7 @@ from camnet.cli.arguments import non_negative, numbers
 from camnet.cli.certify_print import print_certificate
 from camnet.cli.common import add_common, overrides, positive, progress_bar, say, warn
 from camnet.cli.output import output_folder, print_json, write_json
+from camnet.cli.traffic import kept, print_check
 
 __all__ = ["CLAIMS", "add_parser", "add_target_class", "claimed", "learned_model", "read_tracks"]
 
@@ -55,6 +56,7 @@ _USED_BY = {
     "v_lo": ("world", "roads"),
     "unseen_max_m": ("world", "roads"),
     "stop_s": ("roads",),
+    "check": ("roads",),
     "on_min": ("world", "roads"),
 }
 _INPUTS = {"world": "a world file", "site": "--cameras DIR_OF_KRTD", "roads": "--roads NET"}
@@ -151,6 +153,12 @@ def add_target_class(parser: argparse.ArgumentParser) -> None:
         help="longest way out of view allowed, m; needs no speed",
     )
     group.add_argument(
+        "--check",
+        metavar="TRAFFIC",
+        type=Path,
+        help="with --roads: replay recorded traffic (SUMO's FCD, or tracks .csv) and list every broken promise",
+    )
+    group.add_argument(
         "--stop-s",
         type=non_negative,
         metavar="S",
@@ -186,7 +194,9 @@ def run(args: argparse.Namespace) -> int:
         print_json(content)
     else:
         print_certificate(content)
-    return 0 if content["required"]["reached"] else 1
+        if "check" in content:
+            print_check(content["check"])
+    return 0 if content["required"]["reached"] and kept(content) else 1
 
 
 def _content(args: argparse.Namespace, certified: Any) -> dict[str, Any]:  # noqa: ANN401 - imported late
@@ -400,6 +410,7 @@ def _city(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         off_max_s=args.off_max or (None if args.unseen_max_m else 60.0),
         off_max_m=args.unseen_max_m,
         limit_source="as asked for" if args.off_max or args.unseen_max_m else "default of --off-max",
+        traffic=args.check,
         on_min_s=args.on_min or 0.0,
         growth=_growth(args, args.initial_error or 0.5),
     )

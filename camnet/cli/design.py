@@ -12,6 +12,7 @@ from camnet.cli.arguments import whole
 from camnet.cli.certify import add_target_class, read_tracks
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.output import Output, output_folder, print_json, write_json
+from camnet.cli.traffic import kept, print_check
 from camnet.storage.whole_file import whole_file
 
 __all__ = ["add_parser"]
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.repair is not None and args.tracks is not None:
         raise ConfigError("--repair and --tracks: repairs are for cameras over --roads")
+    _refuse_unused(args)
     with output_folder(args, "design") as output:
         with progress_bar(1.0, "placing", "", args.quiet) as advance:
             content, designed = _design(args, advance)
@@ -97,7 +99,24 @@ def run(args: argparse.Namespace) -> int:
         print_json(content)
     else:
         _print(content)
-    return 0 if content["certified"] else 1
+    return 0 if content["certified"] and kept(content) else 1
+
+
+def _refuse_unused(args: argparse.Namespace) -> None:
+    """Refuse options that the kind of design does not use."""
+    from camnet.errors import ConfigError
+
+    unused = {
+        "check": "--repair" if args.repair is not None else "",
+        "origin": "" if args.tracks else "--roads",
+    }
+    if args.tracks is not None:
+        names = ("check", "unseen_max_m", "stop_s", "v_lo", "v_max", "on_min", "most")
+        unused = dict.fromkeys(names, "--tracks")
+    for name, where in unused.items():
+        if where and getattr(args, name) is not None:
+            option = "--" + name.replace("_", "-")
+            raise ConfigError(f"{option} {getattr(args, name)}: does not apply to {where}; leave it out")
 
 
 def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any]:  # noqa: ANN401
@@ -140,7 +159,7 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
             **shared,
             most_poses=most,
         ), None
-    designed = design_roads(args.roads, target, **roads, **shared, **aim)
+    designed = design_roads(args.roads, target, **roads, **shared, **aim, traffic=args.check)
     return designed.report, designed
 
 
@@ -200,6 +219,8 @@ def _print(content: dict[str, Any]) -> None:
     )
     print(f"  lower bound {content['lower_bound']}, gap {content['gap']:.1%}, {content['seconds']:.1f} s")
     print(f"  checked by the certifier: {'certified' if content['certified'] else 'NOT certified'}")
+    if "check" in content:
+        print_check(content["check"])
 
 
 def _out_of_view(content: dict[str, Any]) -> str:

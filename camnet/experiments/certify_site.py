@@ -23,6 +23,7 @@ from camnet.errors import ConfigError, WorldError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_road_world import road_lines
 from camnet.experiments.certify_world import free_lines, free_promise
+from camnet.experiments.check_traffic import check_traffic, read_traffic
 from camnet.experiments.promise_world import Limit
 from camnet.experiments.road_site import read_road_site
 from camnet.geometry.frustum import Frustum
@@ -161,11 +162,12 @@ def certify_road_cameras(
     on_min_s: float,
     off_max_m: float | None = None,
     limit_source: str = "stated",
+    traffic: Path | None = None,
     height_m: float = 0.5,
     growth: GrowthModel | None = None,
     search_m: float = float("inf"),
 ) -> Certified:
-    """Certify cameras over a city's roads for road-bound targets."""
+    """Certify cameras over a city's roads for road-bound targets, checked against ``traffic`` if given."""
     site, sensors = read_road_site(network), read_sensors(cameras, network)
     views = sensor_views(sensors, footprint_m)
     names = [s.name for s in sensors]
@@ -191,7 +193,11 @@ def certify_road_cameras(
     )
     blind = report["promise"]["blind_cameras"]  # type: ignore[index]
     report["warnings"] = [f"camera {c['name']} sees no road: {c['reason']}" for c in blind]
-    report["network"] |= {"roads_km": float(site.roads.length_m.sum() / 1000.0), "arcs": site.roads.n_arcs}  # type: ignore[operator]
+    report["network"] |= {"roads_km": site.edges_km, "arcs": site.roads.n_arcs}  # type: ignore[operator]
+    if traffic is not None:
+        report["check"] = check_traffic(
+            read_traffic(traffic), views, site.roads, target, off_max_m, off_max_s
+        )
     pieces = road_segments_with_verdict(site.roads, gaps, tables["unseen"])
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [ring for g in ground for ring in g.rings]

@@ -19,6 +19,7 @@ from camnet.errors import CertificateError, ConfigError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_road_world import road_lines
 from camnet.experiments.certify_site import read_sensors, sensor_views
+from camnet.experiments.check_traffic import check_traffic, read_traffic
 from camnet.experiments.road_site import RoadSite, read_road_site
 from camnet.importers.sumo_detectors import Sensor
 from camnet.types import Array
@@ -92,6 +93,7 @@ def design_roads(
     objective: str | None = None,
     height_m: float = 0.5,
     time_limit_s: float = 60.0,
+    traffic: Path | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Certified:
@@ -109,6 +111,7 @@ def design_roads(
         else ``cheapest`` where poles have costs, else ``fewest``
     height_m : height of the targets' reference point, m
     time_limit_s, seed, progress : of ``place_cameras``
+    traffic : recorded or simulated traffic that the result is checked against
     """
     limit_m = way_limit(target, off_max_s, unseen_max_m)
     site = read_road_site(network)
@@ -146,8 +149,14 @@ def design_roads(
         "footprint_m": footprint_m,
         "roads_km": site.edges_km,
         "target_class": target_words(target),
-        "check": {"transitions": len(checked.report["transitions"]), "certified": True},
+        "certifier": {"transitions": len(checked.report["transitions"]), "certified": True},
     }
+    if traffic is not None:
+        tracks = read_traffic(traffic)
+        seconds = None if off_max_s is None else target.longest_time(limit_m)
+        report["check"] = check_traffic(
+            tracks, sensor_views(chosen, footprint_m), site.roads, target, limit_m, seconds
+        )
     return Certified(report, checked.views, checked.lines)
 
 

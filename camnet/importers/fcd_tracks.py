@@ -19,7 +19,7 @@ __all__ = ["read_fcd_tracks"]
 
 
 def read_fcd_tracks(path: Path, options: TrackOptions) -> tuple[Track, ...]:
-    """Read every vehicle and person of an FCD file (``.gz`` allowed), with headings and speeds.
+    """Read every vehicle and person of an FCD file (``.gz`` allowed), with headings and speeds where it has them.
 
     Raises
     ------
@@ -40,6 +40,7 @@ class _FcdReader:
     t_s: float = math.nan
     fixes: dict[str, Fixes] = field(default_factory=dict)
     here: set[str] = field(default_factory=set)
+    given: tuple[str, ...] | None = None
 
     def start(self, tag: str, attributes: dict[str, str], where: Place) -> None:
         """Take a time or a vehicle."""
@@ -54,10 +55,12 @@ class _FcdReader:
         elif tag in ("vehicle", "person"):
             if math.isnan(self.t_s):
                 raise DataError(f"{where}: <{tag}> stands outside of a <timestep>")
-            x, y, angle, speed = (
-                number(_get(attributes, name, tag, where), where, name)
-                for name in ("x", "y", "angle", "speed")
+            if self.given is None:  # --fcd-output.attributes may leave them out, then of every vehicle
+                self.given = tuple(name for name in ("angle", "speed") if name in attributes)
+            x, y, *rest = (
+                number(_get(attributes, name, tag, where), where, name) for name in ("x", "y", *self.given)
             )
+            more = dict(zip(self.given, rest, strict=True))
             identity = _get(attributes, "id", tag, where)
             if not identity or identity in self.here:
                 raise DataError(
@@ -66,8 +69,10 @@ class _FcdReader:
             self.here.add(identity)
             fixes = self.fixes.setdefault(identity, Fixes())
             fixes.add(self.t_s, x, y, self.height_m)
-            fixes.heading_rad.append(math.remainder(math.radians(90.0 - angle), 2.0 * math.pi))
-            fixes.speed_mps.append(speed)
+            if "angle" in more:
+                fixes.heading_rad.append(math.remainder(math.radians(90.0 - more["angle"]), 2.0 * math.pi))
+            if "speed" in more:
+                fixes.speed_mps.append(more["speed"])
 
 
 def _get(attributes: dict[str, str], name: str, tag: str, where: Place) -> str:
