@@ -44,19 +44,29 @@ def _segments(road: Road) -> tuple[Array, Array]:
     return starts, ends
 
 
-def distance_to_roads(xy: Array, roads: Sequence[Road]) -> tuple[Array, Array]:
-    """Distance (n,) of points (n, 2) from the nearest road, m, and that road's direction there (n,), rad."""
+def distance_to_roads(xy: Array, roads: Sequence[Road], within_m: float = math.inf) -> tuple[Array, Array]:
+    """Distance (n,) of points (n, 2) from the nearest road, m, and that road's direction there (n,), rad.
+
+    Points further than ``within_m`` from every road may keep an infinite distance, which saves most of the work.
+    """
     best = np.full(len(xy), np.inf)
     direction = np.zeros(len(xy))
+    order = np.argsort(xy[:, 0], kind="stable")
+    x = xy[order, 0]
     for road in roads:
         for a, b in zip(*_segments(road), strict=True):
-            d = b - a
+            first = int(np.searchsorted(x, min(a[0], b[0]) - within_m, side="left"))
+            last = int(np.searchsorted(x, max(a[0], b[0]) + within_m, side="right"))
+            near = order[first:last]
+            y = xy[near, 1]
+            near = near[(y >= min(a[1], b[1]) - within_m) & (y <= max(a[1], b[1]) + within_m)]
+            d, points = b - a, xy[near]
             length2 = float(d @ d)
-            share = np.clip((xy - a) @ d / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(xy))
-            distance = np.linalg.norm(xy - a - share[:, None] * d, axis=1)
-            closer = distance < best
-            best[closer] = distance[closer]
-            direction[closer] = math.atan2(d[1], d[0])
+            share = np.clip((points - a) @ d / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(near))
+            distance = np.linalg.norm(points - a - share[:, None] * d, axis=1)
+            closer = distance < best[near]
+            best[near[closer]] = distance[closer]
+            direction[near[closer]] = math.atan2(d[1], d[0])
     return best, direction
 
 
@@ -68,7 +78,7 @@ def road_centres(roads: Sequence[Road], spacing_m: float, margin_m: float) -> Ar
     """
     points = _all_points(roads)
     grid = grid_centres(points.min(axis=0) - margin_m, points.max(axis=0) + margin_m, spacing_m)
-    distance, _ = distance_to_roads(grid, roads)
+    distance, _ = distance_to_roads(grid, roads, margin_m)
     return grid[distance <= margin_m]
 
 

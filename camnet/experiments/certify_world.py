@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ def _one_class(
     find_largest: bool,
     at_once: int,
 ) -> Certified:
-    network = build_network(group.scenario)
+    network = _alone(whole, group)
     settings = group.scenario.targets[0].motion
     motions = [t.motion for t in whole.description.targets if t.name in group.members]
     roads = [m for m in motions if isinstance(m, RoadMotion)]
@@ -112,6 +113,13 @@ def _one_class(
             network, group.model, model_error_mps, find_largest, limit, on_min_s=on_min_s, at_once=at_once
         )
     return _free(network, group, limit, at_once)
+
+
+def _alone(whole: Network, group: TargetGroup) -> Network:
+    """Return the network with the group's first target alone; geometry and basis are those of the whole."""
+    kept = tuple(t for t in whole.description.targets if t.name == group.members[0])
+    description = replace(whole.description, targets=kept)
+    return replace(whole, scenario=group.scenario, description=description)
 
 
 def _complete(network: Network, parts: dict[str, Certified]) -> Certified:

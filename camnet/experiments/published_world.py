@@ -34,6 +34,7 @@ def published_on_ways(network: Network, watched: Watched, ground: Sequence[Groun
     v_max = network.scenario.targets[0].v_max_mps
     extent = feature_extent(network)
     verdicts: list[tuple[Theorem31, str]] = []
+    outlines = np.array([g.outline for g in ground], dtype=object)
     for camera, arc, at in _exits(watched.ways.roads, watched.coverage):
         place = watched.ways.pose(np.array([arc]), np.array([at]))[0][0]
         others = [k for k in _watching(watched.coverage, arc, at) if k != camera]
@@ -43,11 +44,9 @@ def published_on_ways(network: Network, watched: Watched, ground: Sequence[Groun
             where = f"leaving {name} within {ground[best].name}"
             verdicts.append((occlusion_verdict(depth, v_max, on_min, extent), where))
         else:
-            gap = min(
-                (float(g.outline.distance(shapely.Point(place))) for k, g in enumerate(ground) if k != camera
-                 and not g.outline.is_empty),
-                default=np.inf,
-            )  # fmt: skip
+            away = shapely.distance(outlines, shapely.Point(place))
+            away[camera] = np.nan
+            gap = float(np.nanmin(away)) if np.isfinite(away).any() else np.inf
             verdicts.append((theorem_31(gap, v_max, on_min, extent), f"leaving {name}"))
     return _joined(verdicts, watched.in_m.some_seen)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import shapely
 from shapely.geometry import Polygon
@@ -31,6 +29,10 @@ __all__ = [
     "premise_faults",
     "view_radius",
 ]
+
+
+#: kernels at which the norm of the basis is evaluated, and other views that each view's gaps are listed to
+_CENTRES, _NEIGHBOURS = 200, 16
 
 
 def feature_extent(network: Network) -> float:
@@ -97,7 +99,11 @@ def premise_faults(network: Network) -> tuple[str, ...]:
     """Contradictions between the premises of ``sound``, in words; empty where there are none."""
     v_max = max(t.v_max_mps for t in network.scenario.targets)
     w_max = max(t.w_max_radps for t in network.scenario.targets)
-    delta = network.basis.centres[:, None] - network.basis.centres
+    centres = network.basis.centres
+    some = centres[
+        :: max(1, len(centres) // _CENTRES)
+    ]  # any of them will do: a lower bound of the largest norm
+    delta = some[:, None] - centres
     kernels = np.exp(-0.5 * np.einsum("nki,kij,nkj->nk", delta, network.basis.precision, delta))
     return contradictions(
         _bounds(network),
@@ -113,14 +119,19 @@ def _projection_radius(network: Network) -> float:
 
 
 def network_gaps(network: Network) -> list[NetworkGap]:
-    """Distances between the places on the ground where each pair of cameras can see a target, m."""
+    """Distances on the ground between what each camera can see of targets and what its nearest neighbours can, m."""
     top = max(float(t.features_m[:, 2].max()) for t in network.description.targets)
     seen = [(region.name, Polygon(region.slab_outline(0.0, top))) for region in network.regions]
-    pairs = itertools.permutations([(name, shape) for name, shape in seen if not shape.is_empty], 2)
-    return [
-        NetworkGap(a, b, float(shape_a.distance(shape_b)), _overlap_m(shape_a, shape_b))
-        for (a, shape_a), (b, shape_b) in pairs
-    ]
+    names, shapes = [name for name, _ in seen], np.array([shape for _, shape in seen], dtype=object)
+    out = []
+    for i in np.flatnonzero(~shapely.is_empty(shapes)).tolist():
+        away = np.where(shapely.is_empty(shapes), np.inf, shapely.distance(shapes[i], shapes))
+        away[i] = np.inf
+        near = np.sort(np.argsort(away, kind="stable")[:_NEIGHBOURS])
+        for j in near[np.isfinite(away[near])].tolist():
+            overlap = _overlap_m(shapes[i], shapes[j]) if away[j] == 0.0 else 0.0
+            out.append(NetworkGap(names[i], names[j], float(away[j]), overlap))
+    return out
 
 
 def _overlap_m(a: Polygon, b: Polygon) -> float:
