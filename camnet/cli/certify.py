@@ -187,7 +187,7 @@ def run(args: argparse.Namespace) -> int:
             if model:
                 save_models(model, output.path)
             output.results_stand()
-            write_certificate(output.path, content, certified.views, certified.lines)
+            write_certificate(output.path, content, certified.views, certified.lines, certified.solids)
     if output is not None:
         say(f"wrote {output.folder}; open {output.folder / 'report.html'}")
     if args.json:

@@ -21,13 +21,14 @@ _LONG_S = 1e6
 class Certified:
     """A report ready for JSON, and what its map shows: views as (name, outline (K, 2)) and lines.
 
-    ``promise`` is what the report's own says, as data; None where nothing is promised.
+    ``solids`` are occluders, names and outlines; ``promise`` is that of the report as data, None where it has none.
     """
 
     report: dict[str, Any]
     views: list[tuple[str, Array]]
     lines: list[MapLine] = field(default_factory=list)
     promise: Promise | None = None
+    solids: list[tuple[str, Array]] = field(default_factory=list)
 
 
 def dwell_times(network: Network) -> tuple[float | None, float | None, str]:

@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +28,7 @@ from camnet.experiments.certify_path import best_verdict, certify_on_path, words
 from camnet.experiments.certify_road_world import certify_on_roads
 from camnet.experiments.promise_world import Limit
 from camnet.experiments.target_groups import Models, TargetGroup, join_targets, target_groups
+from camnet.geometry.rotations import to_matrix
 from camnet.motion.road import RoadMotion
 from camnet.motion.settings import VectorFieldTarget
 from camnet.report.certificate import MapLine
@@ -150,6 +152,7 @@ def _complete(network: Network, parts: dict[str, Certified]) -> Certified:
             "cameras": len(network.cameras),
             "regions": len(network.scenario.regions),
         },
+        "cameras": _cameras(network),
         "target_class": report["target_class"],
         "certificates": order,
         "transitions": report["transitions"],
@@ -159,7 +162,21 @@ def _complete(network: Network, parts: dict[str, Certified]) -> Certified:
         "assumptions": [*_assumptions(network), *(f"sound: {words}" for words in dwell["assumptions"])],
         "warnings": [f"camera {c.name} sees none of the ways: {c.reason}" for c in promise.blind],
     }
-    return Certified(with_claims(content, promise), joined.views, joined.lines, promise)
+    solids = [(occluder.name, occluder.footprint()) for occluder in network.occluders]
+    return Certified(with_claims(content, promise), joined.views, joined.lines, promise, solids)
+
+
+def _cameras(network: Network) -> list[dict[str, Any]]:
+    """List the fixed cameras: place, pan and tilt of the optical axis, and how much of the ground they see."""
+    ground = {g.name: float(g.outline.area) for g in ground_of(network)}
+    out = []
+    for camera in network.description.cameras:
+        x, y, z = to_matrix(camera.q_world)[:, 2].tolist()
+        place = dict(zip(("x_m", "y_m", "z_m"), (float(v) for v in camera.p_world), strict=True))
+        pan, tilt = math.degrees(math.atan2(y, x)), math.degrees(math.atan2(-z, math.hypot(x, y)))
+        sees = ground.get(camera.name, 0.0)
+        out.append({"name": camera.name, **place, "pan_deg": pan, "tilt_deg": tilt, "ground_m2": sees})
+    return out
 
 
 def _assumptions(network: Network) -> list[str]:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
+from camnet.report.certificate_text import page_head, page_tail
 from camnet.report.html import table, write_page
 from camnet.report.markup import shown
 from camnet.report.style import figure_style, save
@@ -26,7 +27,13 @@ VERDICT_COLOURS = {
     "unsatisfiable": "#9a9a9a",
     "seen": "#c9d8e8",
 }
-_VIEW = "#0072b2"
+_LEGEND = {
+    "certified": "unseen, within what is allowed",
+    "not certified": "unseen for too long",
+    "unsatisfiable": "cannot be certified",
+    "seen": "ways",
+}
+_VIEW, _SOLID = "#0072b2", "#6b6b6b"
 #: pages list at most this many transitions; the JSON file has all of them
 _MOST_ROWS = 500
 _WIDTH_PX = 900.0
@@ -42,58 +49,61 @@ class MapLine:
 
 
 def write_certificate(
-    folder: Path, report: dict[str, Any], views: Sequence[tuple[str, Array]], lines: Sequence[MapLine]
+    folder: Path,
+    report: dict[str, Any],
+    views: Sequence[tuple[str, Array]],
+    lines: Sequence[MapLine],
+    solids: Sequence[tuple[str, Array]] = (),
 ) -> None:
-    """Write map and page of a report into ``folder``; ``views`` are names and outlines (K, 2), m."""
-    _write_map(folder / "map.png", report, views, lines)
-    network = report["network"]
-    title = str(network.get("name", "certificate"))
-    body = [
-        f"<h1>{shown(title)}</h1><p>{shown(network['cameras'])} cameras, {shown(network['regions'])} regions; "
-        f"targets: {shown(report['target_class'])}</p>",
-        "<h2>Certificates</h2>",
-        table(
-            ("certificate", "verdict", "reason"),
-            [(k, v["verdict"], v["reason"]) for k, v in report["certificates"].items()],
-        ),
-        "<h2>Map</h2><p>Green: certified, red: not certified, grey: unsatisfiable. "
-        "Hold the pointer over a line or a view for its details.</p>",
-        _svg(views, lines),
-    ]
+    """Write map and page of a report into ``folder``; ``views`` and ``solids`` are names and outlines (K, 2), m."""
+    _write_map(folder / "map.png", report, views, lines, solids)
+    title = str(report["network"].get("name", "certificate"))
+    body = [*page_head(report, title), _svg(views, lines, solids)]
     if report["transitions"]:
         rows = table(*certificate_table(report["transitions"][:_MOST_ROWS]))
-        body += ["<h2>Transitions</h2>", rows]
+        body += ["<h2>From view to view</h2>", rows]
     if len(report["transitions"]) > _MOST_ROWS:
         body.append(f"<p>{len(report['transitions'])} transitions in all: see certificate.json.</p>")
-    if report.get("assumptions"):
-        items = "".join(f"<li>{shown(a)}</li>" for a in report["assumptions"])
-        body.append(f"<h2>Assumptions of sound</h2><ul>{items}</ul>")
+    body += page_tail(report)
     write_page(folder / "report.html", f"camnet: certificate of {title}", "\n".join(body))
 
 
 def certificate_table(transitions: Iterable[dict[str, Any]]) -> tuple[list[str], list[list[object]]]:
     """Return head and rows of the table of transitions."""
     head = ["transition", "gap (m)"]
-    for name in ("sound", "learned"):
+    for name in ("unseen", "learned"):
         head += [name, "margin (m)", "margin (s)", "binding"]
-    head += ["trust (s)", "largest e_v (m/s)"]
+    head += ["sound", "trust (s)", "largest e_v (m/s)"]
     rows: list[list[object]] = []
     for t in transitions:
         row: list[object] = [f"{t['from']} → {t['to']}", t["gap_m"]]
-        for name in ("sound", "learned"):
+        for name in ("unseen", "learned"):
             v = t.get(name, {})
             row += [v.get(k) for k in ("verdict", "margin_m", "margin_s", "binding")]
         trust = t.get("learned", t.get("sound", {})).get("trust_horizon_s")
-        rows.append([*row, trust, t.get("learned", {}).get("largest_model_error_mps")])
+        rows.append(
+            [
+                *row,
+                t.get("sound", {}).get("verdict"),
+                trust,
+                t.get("learned", {}).get("largest_model_error_mps"),
+            ]
+        )
     return head, rows
 
 
 def _write_map(
-    path: Path, report: dict[str, Any], views: Sequence[tuple[str, Array]], lines: Sequence[MapLine]
+    path: Path,
+    report: dict[str, Any],
+    views: Sequence[tuple[str, Array]],
+    lines: Sequence[MapLine],
+    solids: Sequence[tuple[str, Array]],
 ) -> None:
     with figure_style():
         figure = Figure(figsize=(8.6, 7.6))
         axes = figure.add_subplot()
+        for _, outline in solids:
+            axes.add_patch(Polygon(outline, facecolor=_SOLID, alpha=0.6, edgecolor=_SOLID, zorder=1))
         for name, outline in views:
             axes.add_patch(Polygon(outline, facecolor=_VIEW, alpha=0.12, edgecolor=_VIEW, zorder=1))
             if len(views) <= 40:
@@ -108,18 +118,25 @@ def _write_map(
         axes.set_aspect("equal")
         axes.set(xlabel="x (m)", ylabel="y (m)")
         axes.legend(
-            handles=[Line2D([], [], color=c, linewidth=2, label=v) for v, c in VERDICT_COLOURS.items()],
+            handles=[
+                Line2D([], [], color=c, linewidth=2, label=_LEGEND[v]) for v, c in VERDICT_COLOURS.items()
+            ],
             loc="upper left",
             bbox_to_anchor=(1.01, 1.0),
         )
+        promise = report.get("promise")
         words = ", ".join(f"{k}: {v['verdict']}" for k, v in report["certificates"].items())
-        axes.set_title(words)
+        axes.set_title(
+            words if promise is None else f"{report['network'].get('name', '')}: {promise['verdict']}"
+        )
         save(figure, path)
 
 
-def _svg(views: Sequence[tuple[str, Array]], lines: Sequence[MapLine]) -> str:
+def _svg(
+    views: Sequence[tuple[str, Array]], lines: Sequence[MapLine], solids: Sequence[tuple[str, Array]]
+) -> str:
     """Return the map as an inline picture whose parts carry their words."""
-    shapes = [outline for _, outline in views] + [line.points for line in lines]
+    shapes = [outline for _, outline in (*views, *solids)] + [line.points for line in lines]
     if not shapes:
         return "<p>Nothing to draw.</p>"
     points = np.concatenate(shapes)
@@ -131,6 +148,10 @@ def _svg(views: Sequence[tuple[str, Array]], lines: Sequence[MapLine]) -> str:
         return " ".join(f"{x:.1f},{y:.1f}" for x, y in xy)
 
     parts = [
+        f'<polygon points="{place(o)}" fill="{_SOLID}" fill-opacity="0.6"><title>{shown(name)}</title></polygon>'
+        for name, o in solids
+    ]
+    parts += [
         f'<polygon points="{place(o)}" fill="{_VIEW}" fill-opacity="0.12" stroke="{_VIEW}">'
         f"<title>{shown(name)}</title></polygon>"
         for name, o in views
@@ -142,5 +163,22 @@ def _svg(views: Sequence[tuple[str, Array]], lines: Sequence[MapLine]) -> str:
         for line in order
     ]
     w, h = ((high - low) * scale + 20.0).tolist()
+    parts.append(_scale_and_north(scale, w, h))
+    h += 40.0
     style = "max-width:100%;height:auto;background:#fff;border:1px solid #ddd"
     return f'<svg viewBox="0 0 {w:.0f} {h:.0f}" width="{w:.0f}" style="{style}">{"".join(parts)}</svg>'
+
+
+def _scale_and_north(scale: float, width: float, height: float) -> str:
+    """Return a scale bar of a round length and an arrow to the north (y grows upwards), below the map."""
+    wanted = 0.2 * width / scale
+    unit = 10.0 ** np.floor(np.log10(wanted))
+    length = float(max(k * unit for k in (1.0, 2.0, 5.0) if k * unit <= wanted))
+    x, y, end = 10.0, height + 18.0, 10.0 + length * scale
+    north = width - 20.0
+    return (
+        f'<path d="M{x:.1f} {y - 5:.1f}V{y:.1f}H{end:.1f}V{y - 5:.1f}" fill="none" stroke="#222"/>'
+        f'<text x="{end + 8:.1f}" y="{y:.1f}" font-size="13">{length:g} m</text>'
+        f'<path d="M{north:.1f} {y + 8:.1f}V{y - 14:.1f}l-4 8m4 -8l4 8" fill="none" stroke="#222"/>'
+        f'<text x="{north - 22:.1f}" y="{y + 6:.1f}" font-size="13">N</text>'
+    )

@@ -1,0 +1,97 @@
+"""What the page of a certificate says: the verdict first, what fails, then cameras, assumptions and theorems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from camnet.report.html import table
+from camnet.report.markup import shown
+
+__all__ = ["page_head", "page_tail"]
+
+_MAP = (
+    "<h2>Map</h2><p>Blue: what cameras or agents can see of the ground; grey: occluders; pale lines: the ways. Of "
+    "these, green is out of view for no longer than allowed, red for longer. Hold the pointer over a line or a view "
+    "for its details. North is up where y points north; lengths are in metres.</p>"
+)
+_THEOREMS = (
+    "<p>The published conditions ask a ball that grows at twice the target's top speed to fit a view before it is "
+    "reached: views that do not overlap can never meet them, which reads <em>unsatisfiable</em> and says nothing about "
+    "the layout. <em>sound</em> is the same argument with its errors repaired; its constants are conservative.</p>"
+)
+
+
+def page_head(report: dict[str, Any], title: str) -> list[str]:
+    """Return the parts above the map: the verdict in words, what speaks against it, both claims."""
+    network, promise = report["network"], report.get("promise")
+    who = f"{shown(network['cameras'])} cameras, {shown(network['regions'])} operating regions"
+    if promise is None:
+        rows = [(k, v["verdict"], v["reason"]) for k, v in report["certificates"].items()]
+        return [
+            f"<h1>{shown(title)}</h1><p>{who}; targets: {shown(report['target_class'])}</p>",
+            table(("certificate", "verdict", "reason"), rows),
+            _MAP,
+        ]
+    good = promise["verdict"] == "certified"
+    style = ' style="background:#e6f4ea;padding:.6rem 1rem;border-radius:.4rem"' if good else ' class="warn"'
+    body = [
+        f"<h1>{shown(title)}: {shown(promise['verdict'])}</h1>",
+        f"<p{style}><b>{shown(_capital(promise['sentence']))}</b></p>",
+    ]
+    if promise["reasons"]:
+        body.append(
+            "<h2>What fails</h2><ul>" + "".join(f"<li>{shown(r)}</li>" for r in promise["reasons"]) + "</ul>"
+        )
+    blind = promise["blind_cameras"]
+    if blind:
+        unseeing = [(c["name"], c["reason"]) for c in blind]
+        body += ["<h2>Cameras that see none of the ways</h2>", table(("camera", "likely reason"), unseeing)]
+    body += [
+        "<h2>Claims</h2>",
+        table(("claim", "verdict", "in words"), _claims(report)),
+        f"<p>{who}.</p>",
+        _MAP,
+    ]
+    return body
+
+
+def _claims(report: dict[str, Any]) -> list[tuple[str, str, str]]:
+    claims = report["claims"]
+    learned = claims["estimate"]["learned"]
+    return [
+        (
+            "unseen: how long out of view",
+            claims["unseen"]["verdict"],
+            "decides the exit status; see --require",
+        ),
+        ("estimate survives that: learned", learned["verdict"], learned["reason"]),
+    ]
+
+
+def page_tail(report: dict[str, Any]) -> list[str]:
+    """Return the parts below the transitions: cameras, assumptions, and the theorems last."""
+    body = []
+    cameras = report.get("cameras")
+    if cameras:
+        head = ("camera", "x (m)", "y (m)", "height (m)", "pan (deg)", "tilt (deg)", "sees (m2)")
+        keys = ("name", "x_m", "y_m", "z_m", "pan_deg", "tilt_deg", "ground_m2")
+        body += [
+            "<h2>Cameras</h2><p>Pan: anticlockwise from the x axis; tilt: below the horizon.</p>",
+            table(head, [tuple(c[k] for k in keys) for c in cameras]),
+        ]
+    if report.get("assumptions"):
+        items = "".join(f"<li>{shown(a)}</li>" for a in report["assumptions"])
+        body.append(f"<h2>Assumptions</h2><ul>{items}</ul>")
+    if report.get("promise") is not None:
+        estimate = report["claims"]["estimate"]
+        rows = [
+            (k, estimate[k]["verdict"], estimate[k]["reason"])
+            for k in ("published", "sound")
+            if k in estimate
+        ]
+        body += ["<h2>Published theorems</h2>", _THEOREMS, table(("certificate", "verdict", "reason"), rows)]
+    return body
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
