@@ -222,9 +222,10 @@ def test_compilation_is_announced_where_nothing_is_compiled_yet(tmp_path: Path) 
 
 
 def test_another_processor_has_code_of_its_own(tmp_path: Path) -> None:
+    other = "x86-64-v2" if os.environ.get("NUMBA_CPU_NAME") == "generic" else "generic"
     _run(tmp_path)
-    assert _run(tmp_path, NUMBA_CPU_NAME="generic")[0] == "0"
-    assert _run(tmp_path, NUMBA_CPU_NAME="generic")[0] == "1"
+    assert _run(tmp_path, NUMBA_CPU_NAME=other)[0] == "0"
+    assert _run(tmp_path, NUMBA_CPU_NAME=other)[0] == "1"
     assert _run(tmp_path)[0] == "1"
 
 
