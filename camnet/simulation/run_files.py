@@ -90,6 +90,8 @@ def read_run(folder: Path) -> RunFiles:
         where = ".".join(map(str, first["loc"]))
         raise DataError(f"{path}: config.{where}: {first['msg']}") from error
     _check_summary(path, content["summary"], scenario)
+    if not isinstance(seals, dict) or seals.get("summary") != _seals(content, [], {})["summary"]:
+        raise DataError(f"{path}: its content is not what the run wrote (its seal does not fit)")
     handoffs = read_json(folder / "handoffs.json")
     _check_handoffs(folder / "handoffs.json", handoffs, scenario)
     estimators = (content["summary"]["estimator_in_charge"], *content["summary"]["baselines"])
@@ -100,7 +102,7 @@ def read_run(folder: Path) -> RunFiles:
     _check_log(folder / "log.parquet", truth)
     files = {"summary": path, "handoffs": folder / "handoffs.json", "log": folder / "log.parquet"}
     for name, seal in _seals(content, handoffs, columns).items():
-        if not isinstance(seals, dict) or seals.get(name) != seal:
+        if seals.get(name) != seal:
             raise DataError(f"{files[name]}: its content is not what the run wrote (its seal does not fit)")
     return RunFiles(scenario, content, handoffs, columns)
 
