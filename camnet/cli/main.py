@@ -21,6 +21,7 @@ from camnet.cli import (  # noqa: E402
     report,
     reproduce,
     simulate,
+    structure,
     track_video,
     train,
     warm_up,
@@ -66,6 +67,7 @@ def build_parser() -> Parser:
         report,
         reproduce,
         track_video,
+        structure,
         bench,
         warm_up,
     ):

@@ -21,7 +21,7 @@ from camnet.errors import DataError
 from camnet.importers._reading import number, text_lines
 from camnet.sensing.visual.box import Box
 
-__all__ = ["ImageSequence", "open_sequence", "read_boxes"]
+__all__ = ["ImageSequence", "open_images", "open_sequence", "read_boxes"]
 
 _IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".ppm", ".pgm", ".tif", ".tiff")
 _NAMES = ("groundtruth_rect.txt", "groundtruth.txt")
@@ -77,6 +77,21 @@ class ImageSequence:
             capture.release()
         if count == 0:
             raise DataError(f"{self.source}: no frame could be decoded; a video file was expected")
+
+
+def open_images(source: str | Path) -> ImageSequence:
+    """Open a video, or a folder of images, without boxes.
+
+    Raises
+    ------
+    DataError : no such place, no images, or a hole in their numbers
+    """
+    path = Path(source)
+    if path.is_dir():
+        return ImageSequence(path.resolve().name, path, _image_files(path), (), None)
+    if not path.is_file():
+        raise DataError(f"{path}: no such file or folder; name a folder of images or a video")
+    return ImageSequence(path.stem, path, (), (), _video_rate(path))
 
 
 def open_sequence(source: str | Path, first: Box | None = None) -> ImageSequence:

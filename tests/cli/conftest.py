@@ -9,6 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from camnet.geometry.pinhole import Pinhole
+from camnet.geometry.rotations import IDENTITY, exp, multiply
+from camnet.geometry.settings import Intrinsics
+from camnet.sensing.textured_planes import TexturedPlane, checkerboard, draw_planes
+
 ROOT = Path(__file__).resolve().parents[2]
 
 #: a triangle of streets with a spur; both directions of each
@@ -83,6 +88,45 @@ def _sequence(folder: Path, video: Path) -> None:
     (folder / "groundtruth_rect.txt").write_text("\n".join(boxes) + "\n")
 
 
+def _moving_camera(folder: Path) -> None:
+    """Photographs of a board, and a film along a textured wall with its camera file and odometry."""
+    camera = Intrinsics(width_px=320, height_px=240, fx_px=280.0, fy_px=280.0, cx_px=159.5, cy_px=119.5)
+    lens = Pinhole.from_settings(camera)
+    (folder / "PHOTOGRAPHS").mkdir()
+    board = TexturedPlane(
+        np.array([-0.3, -0.225, 0.0]),
+        np.array([0.6, 0, 0]),
+        np.array([0, 0.45, 0]),
+        checkerboard(10, 7, 20, 20),
+    )
+    for k in range(6):
+        angle = 0.15 + 0.9 * k
+        p = np.array([0.35 * np.cos(angle), 0.35 * np.sin(angle), -0.75])
+        q = multiply(exp(np.array([0.42 * np.sin(angle), -0.42 * np.cos(angle), 0.0])), IDENTITY)
+        picture = draw_planes([board], lens, p, q)
+        cv2.imwrite(str(folder / "PHOTOGRAPHS" / f"{k}.png"), picture.astype(np.uint8))
+    rng = np.random.default_rng(1)
+    blocks = np.kron(rng.integers(20, 236, (30, 60)), np.ones((8, 8))).astype(np.uint8)
+    near = TexturedPlane(np.array([-3.0, -2, 3]), np.array([4.0, 0, 0]), np.array([0, 4.0, 0]), blocks)
+    far = TexturedPlane(
+        np.array([-3.0, -2, 4]), np.array([8.0, 0, 0]), np.array([0, 4.0, 0]), blocks[::-1].copy()
+    )
+    writer = cv2.VideoWriter(str(folder / "drive.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (320, 240))
+    lines = []
+    for k in range(30):
+        picture = draw_planes([near, far], lens, np.array([0.04 * k, 0.0, 0.0]), IDENTITY).astype(np.uint8)
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+        lines.append(f"{k / 25.0:.6f} {0.0404 * k:.6f} 0 0 0 0 0 1")
+    writer.release()
+    (folder / "wheels.txt").write_text("\n".join(lines) + "\n")
+    storage = cv2.FileStorage(str(folder / "camera.yaml"), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 320)
+    storage.write("image_height", 240)
+    storage.write("camera_matrix", lens.matrix)
+    storage.write("distortion_coefficients", np.zeros((1, 5)))
+    storage.release()
+
+
 @pytest.fixture(scope="session")
 def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The inputs under the names that the examples use."""
@@ -104,4 +148,5 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _video(folder / "walking.mp4")
     for name in ("SEQUENCE", "SEQUENCE_FOLDER"):
         _sequence(folder / name, folder / "walking.mp4")
+    _moving_camera(folder)
     return folder

@@ -105,6 +105,7 @@ def test_what_is_mistyped_gets_a_suggestion(
 
 
 _NEED = {"design": ["--tracks", "x.csv"], "simulate": ["quickstart"], "falsify": ["patrol"]}
+_NEED |= {"structure": ["x.mp4"]}
 _NEED |= {"reproduce": ["adate-table"], "track-video": ["x.mp4"], "bench": ["sensing"], "certify": ["patrol"]}
 
 
@@ -215,6 +216,7 @@ _QUIET = [
     "evaluate --agents static,random --episodes 1 --cycles 5 --jobs 1 --back-end pybullet",
     "reproduce adate-navigation --seeds 1",
     "track-video walking.mp4 --box 51,53,87,290",
+    "structure PHOTOGRAPHS --board 9x6",
     "worlds",
     "worlds quickstart",
     pytest.param("bench history-selection", marks=pytest.mark.slow),

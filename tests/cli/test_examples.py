@@ -101,6 +101,8 @@ CASES: dict[str, Case] = {
     "camnet report runs/first --no-video": Case(needs=(_FIRST,)),
     "camnet track-video walking.mp4 --box 51,53,87,290 --out runs/walking": Case(),
     "camnet track-video SEQUENCE_FOLDER": Case(),
+    "camnet structure drive.mp4 --camera camera.yaml --odometry wheels.txt": Case(),
+    "camnet structure PHOTOGRAPHS --board 9x6": Case(),
     # README
     "python3 scripts/quickstart.py": Case(only_read="it makes an environment and installs into it"),
     "python3 scripts/test.py": Case(only_read="it runs this test"),

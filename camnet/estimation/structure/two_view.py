@@ -30,7 +30,7 @@ import numpy as np
 from camnet.errors import ConfigError
 from camnet.types import Array
 
-__all__ = ["aided_direction", "essential_pose", "homography_pose", "turn_between"]
+__all__ = ["aided_direction", "essential_pose", "homography_pose", "homography_poses", "turn_between"]
 
 _LEAST_ESSENTIAL, _LEAST_HOMOGRAPHY = 5, 4
 
@@ -80,25 +80,34 @@ def homography_pose(
     ConfigError
         If there are fewer than four points.
     """
+    best: tuple[Array, Array] | None = None
+    least = np.inf
+    for r_kc, u_kc in homography_poses(u_ik, u_ic, noise):
+        away = turn_between(r_kc, expected[0]) + float(np.arccos(np.clip(u_kc @ expected[1], -1.0, 1.0)))
+        if away < least:
+            best, least = (r_kc, u_kc), away
+    return best
+
+
+def homography_poses(u_ik: Array, u_ic: Array, noise: float) -> list[tuple[Array, Array]]:
+    """Every decomposition ``R_{k/c}``, ``u_{k/c}`` of a homography that keeps the plane in front of the key frame.
+
+    The arguments and the error raised are those of `homography_pose`.
+    """
     x_k, x_c = _normalised(u_ik, _LEAST_HOMOGRAPHY), _normalised(u_ic, _LEAST_HOMOGRAPHY)
     homography, _ = cv2.findHomography(x_k, x_c, cv2.RANSAC, 3.0 * max(noise, 1e-9))
     if np.shape(homography) != (3, 3):
-        return None
+        return []
     _, turns, shifts, normals = cv2.decomposeHomographyMat(homography, np.eye(3))
-    best: tuple[Array, Array] | None = None
-    least = np.inf
+    out = []
     for turn, shift, n in zip(turns, shifts, normals, strict=True):
         r_kc, t = np.array(turn, dtype=np.float64), np.array(shift, dtype=np.float64)
-        length = np.linalg.norm(t)
+        length, side = np.linalg.norm(t), u_ik @ n[:, 0]
         # the plane must be in front of the key frame for every point
-        if length == 0.0 or np.min(u_ik @ n[:, 0]) * np.max(u_ik @ n[:, 0]) <= 0.0:
-            continue
-        sign = 1.0 if np.median(u_ik @ n[:, 0]) > 0.0 else -1.0
-        u_kc = sign * t[:, 0] / length
-        away = turn_between(r_kc, expected[0]) + float(np.arccos(np.clip(u_kc @ expected[1], -1.0, 1.0)))
-        if away < least:
-            best, least = (r_kc, np.asarray(u_kc)), away
-    return best
+        if length > 0.0 and np.min(side) * np.max(side) > 0.0:
+            sign = 1.0 if np.median(side) > 0.0 else -1.0
+            out.append((r_kc, np.asarray(sign * t[:, 0] / length)))
+    return out
 
 
 def turn_between(a: Array, b: Array) -> float:
