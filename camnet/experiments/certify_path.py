@@ -21,7 +21,13 @@ from camnet.certification.ways import cover_ways, join_coverage
 from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import certify_learned, flow_case, ground_of
 from camnet.experiments.learned_model import LearnedModel
-from camnet.experiments.promise_mobile import capacity, first_view, flow_refusals, mobile_promise
+from camnet.experiments.promise_mobile import (
+    apply_refusals,
+    capacity,
+    first_view,
+    flow_refusals,
+    mobile_promise,
+)
 from camnet.experiments.promise_world import (
     Limit,
     Watched,
@@ -122,6 +128,7 @@ def certify_on_path(
         if (e := entries[ground[g.source].name, ground[g.sink].name])
     ]
     outlines = [ring for g in ground for ring in g.rings]
+    lines = apply_refusals(report, lines, promise)
     return Certified(with_claims(report, promise), outlines, lines, promise)
 
 

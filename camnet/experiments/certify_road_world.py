@@ -17,7 +17,7 @@ from camnet.certification.transitions import GrowthModel, RoadTargetClass
 from camnet.certification.ways import Ways, cover_ways, join_coverage
 from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import ground_of
-from camnet.experiments.promise_mobile import mobile_road_promise
+from camnet.experiments.promise_mobile import apply_refusals, mobile_road_promise
 from camnet.experiments.promise_world import (
     Limit,
     Watched,
@@ -137,7 +137,8 @@ def certify_on_roads(
         )
     outlines = [ring for g in case.ground for ring in g.rings]
     pieces = road_segments_with_verdict(case.watched.ways.roads, gaps, tables["unseen"])
-    return Certified(with_claims(report, promise), outlines, road_lines(pieces), promise)
+    lines = apply_refusals(report, road_lines(pieces), promise)
+    return Certified(with_claims(report, promise), outlines, lines, promise)
 
 
 def road_lines(pieces: dict[str, list[Array]]) -> list[MapLine]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from camnet.experiments.promise_world import (
     target_features,
     watch,
 )
+from camnet.report.certificate import MapLine
 from camnet.simulation.certificates import feature_extent, view_radius
 from camnet.simulation.network import Network
 from camnet.types import Array
@@ -42,7 +44,14 @@ from camnet.types import Array
 if TYPE_CHECKING:
     from camnet.experiments.certify_road_world import RoadWorld
 
-__all__ = ["capacity", "first_view", "mobile_promise", "mobile_road_promise", "standing_refusals"]
+__all__ = [
+    "apply_refusals",
+    "capacity",
+    "first_view",
+    "mobile_promise",
+    "mobile_road_promise",
+    "standing_refusals",
+]
 
 _NO_MODEL = "where the next agent has to be rests on a prediction, and no motion model was given"
 #: at most this many refusals of one kind are listed
@@ -295,3 +304,30 @@ def flow_refusals(network: Network, learned: dict[str, Any] | None) -> list[str]
             + (f" ({'; '.join(words)})" if words else f": {learned['certificates']['learned']['reason']}")
         )
     return out
+
+
+def apply_refusals(report: dict[str, Any], lines: list[MapLine], promise: Promise) -> list[MapLine]:
+    """Mark every transition of a network that is refused, in the report and on the map, and return the map's lines.
+
+    A region is no view: what is refused of the agents holds for each gap between their regions.
+    """
+    if not promise.refusals:
+        return lines
+    for entry in report["transitions"]:
+        own = [r for r in promise.refusals if r.startswith(f"from {entry['from']} to {entry['to']}: ")]
+        if "unseen" in entry:
+            words = (own or list(promise.refusals))[0]
+            entry["unseen"] |= {
+                "verdict": "not certified",
+                "margin_m": None,
+                "margin_s": None,
+                "binding": words,
+            }
+    report["uncertified"] = [{"from": t["from"], "to": t["to"]} for t in report["transitions"]]
+    words = "; ".join(promise.refusals[:3])
+    return [
+        replace(line, verdict="not certified", words=f"{line.words}; {words}")
+        if line.verdict == "certified"
+        else line
+        for line in lines
+    ]

@@ -118,6 +118,7 @@ def test_regions_larger_than_a_footprint_are_not_certified(capsys):
     assert "from west to east: from the worst corner of its region the agent needs" in reasons
     assert report["promise"]["unseen_max_s"] is None
     assert report["promise"]["targets_served"] == 1
+    assert all(t["unseen"]["verdict"] == "not certified" for t in report["transitions"])
     # with a model that is nearly exact the agents are late all the same
     status, report = certify(capsys, DATA / "big_regions.yaml", "--model-error", 0.001)
     assert status == 1
