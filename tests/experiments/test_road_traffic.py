@@ -1,7 +1,7 @@
 """Designs over SUMO networks against traffic that shares nothing with the certificate.
 
-The traffic walks over lanes and turns as ``sumolib`` gives them (where SUMO is installed, it is SUMO's own too); the judge
-is a program of its own beside the recorded inputs.
+The traffic walks over lanes and turns as ``sumolib`` gives them; where SUMO is installed, it is SUMO's own too. The
+judge is a program of its own beside the recorded inputs.
 """
 
 from __future__ import annotations
