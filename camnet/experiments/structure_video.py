@@ -90,7 +90,7 @@ def run(
         out_dir / "points.ply",
         result.points,
         "metre" if result.metric else "arbitrary: the path's extent is 1",
-        result.scale_sd,
+        result.scale_sd if result.consistent else None,
     )
     _write_video(out_dir / "structure.mp4", images, frames, result, camera)
     tell(1.0)
@@ -98,7 +98,7 @@ def run(
 
 
 def _content(result: Reconstruction, camera: Pinhole, calibration_px: float | None) -> dict[str, Any]:
-    sd = result.scale_sd
+    sd = result.scale_sd if result.consistent else None  # of what does not fit nothing is claimed
     return {
         "images": len(result.t_s),
         "points": len(result.ids),
@@ -108,7 +108,7 @@ def _content(result: Reconstruction, camera: Pinhole, calibration_px: float | No
         else {
             "odometry_scale": result.scale,
             "relative_sd": sd,
-            "true_over_found_ci95": [1.0 - 1.96 * sd, 1.0 + 1.96 * sd],
+            "true_over_found_ci95": [float(np.exp(-1.96 * sd)), float(np.exp(1.96 * sd))],
         },
         "path_m" if result.metric else "path_length": float(
             np.sum(np.linalg.norm(np.diff(result.p, axis=0), axis=1))
@@ -288,15 +288,16 @@ def print_table(result: dict[str, Any]) -> None:
         f"{result['points']} points from {result['images']} images; reprojection {result['reprojection_px']:.2f} px"
     ]
     if result["metric"]:
-        low, high = result["scale"]["true_over_found_ci95"]
-        lines.append(
-            f"path {result['path_m']:.3f} m; true size over size found: 95 % in [{low:.3f}, {high:.3f}]"
-        )
         lines.append(
             f"odometry against images: chi2 {result['odometry_chi2']:.1f}, limit {result['odometry_chi2_limit']:.1f}"
         )
     else:
         lines.append("no odometry: the size is arbitrary (the path's extent is 1)")
+    if result["scale"] is not None:
+        low, high = result["scale"]["true_over_found_ci95"]
+        lines.append(
+            f"path {result['path_m']:.3f} m; true size over size found: 95 % in [{low:.3f}, {high:.3f}]"
+        )
     if not result["consistent"]:
         lines.append(
             "NOT CONSISTENT: images and odometry (or images and a rigid scene) do not fit each other"

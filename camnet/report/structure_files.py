@@ -35,7 +35,7 @@ def write_kitti(path: Path, p: Array, q: Array) -> None:
 
 def write_ply(path: Path, points: Array, unit: str, scale_sd: float | None) -> None:
     """Write points (M, 3) with their unit and the relative standard deviation of the scale in comments."""
-    uncertainty = "unknown: no odometry" if scale_sd is None else f"{scale_sd:.6g}"
+    uncertainty = "unknown" if scale_sd is None else f"{scale_sd:.6g}"
     head = (
         "ply\nformat ascii 1.0\n"
         f"comment unit {unit}\ncomment relative standard deviation of the scale {uncertainty}\n"

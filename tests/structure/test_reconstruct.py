@@ -169,6 +169,30 @@ def test_rendered_corridor_with_wrong_odometry(tmp_path, capsys):
     assert low <= scale <= high
 
 
+def test_shuffled_images_of_the_corridor_fail(tmp_path, capsys):
+    rng = np.random.default_rng(4)
+    p, q = corridor(tmp_path / "images", 24, rng)
+    write_tum(tmp_path / "odometry.txt", np.arange(24.0), p, q)
+    files = sorted((tmp_path / "images").iterdir())
+    shuffled = tmp_path / "shuffled"
+    shuffled.mkdir()
+    for k, i in enumerate(rng.permutation(24)):
+        shutil.copy(files[i], shuffled / f"{k:03d}.png")
+    words = [
+        "--camera",
+        str(tmp_path / "camera.yaml"),
+        "--odometry",
+        str(tmp_path / "odometry.txt"),
+        "--quiet",
+    ]
+    assert main(["structure", str(tmp_path / "images"), *words, "--out", str(tmp_path / "right")]) == 0
+    assert main(["structure", str(shuffled), *words, "--out", str(tmp_path / "wrong")]) == 1
+    assert "NOT CONSISTENT" in capsys.readouterr().out
+    result = json.loads((tmp_path / "wrong" / "result.json").read_text())
+    assert result["scale"] is None
+    assert not result["consistent"]
+
+
 def test_rays_meet_where_the_point_is():
     rng = np.random.default_rng(0)
     p, x = rng.normal(size=(4, 3)), np.array([0.3, -0.2, 5.0])
