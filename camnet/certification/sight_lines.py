@@ -60,8 +60,8 @@ def seen_pairs(points: Array, camera: IntArray, views: Views, solids: Solids) ->
     """Return whether camera k (n,) sees all feature points (n, F, 3) of target k, (n,)."""
     points = np.ascontiguousarray(points, dtype=float)
     camera = np.ascontiguousarray(camera)
-    packed = _packed(views)
-    return np.asarray(_seen_pairs(points, camera, *packed, solids.normals, solids.limits, solids.ptr))
+    a, b, _, eyes = _packed(views)
+    return np.asarray(_seen_pairs(points, camera, a, b, eyes, solids.normals, solids.limits, solids.ptr))
 
 
 def _packed(views: Views) -> tuple[Array, Array, Array, Array]:
@@ -117,12 +117,9 @@ def _blocked_rows(eyes: Array, points: Array, normals: Array, limits: Array, ptr
 
 @cached_njit
 def _sees(
-    points: Array, a: Array, b: Array, bounds: Array, eye: Array, normals: Array, limits: Array, ptr: IntArray
+    points: Array, a: Array, b: Array, eye: Array, normals: Array, limits: Array, ptr: IntArray
 ) -> bool:
     """Whether one camera sees all points (F, 3)."""
-    x, y = points[0, 0], points[0, 1]
-    if x < bounds[0] or y < bounds[1] or x > bounds[2] or y > bounds[3]:
-        return False
     for f in range(points.shape[0]):
         for k in range(a.shape[0]):
             if a[k, 0] * points[f, 0] + a[k, 1] * points[f, 1] + a[k, 2] * points[f, 2] > b[k]:
@@ -146,8 +143,10 @@ def _seen_by(
 ) -> BoolArray:
     out = np.zeros((points.shape[0], a.shape[0]), dtype=np.bool_)
     for n in range(points.shape[0]):
-        for c in range(a.shape[0]):
-            out[n, c] = _sees(points[n], a[c], b[c], bounds[c], eyes[c], normals, limits, ptr)
+        x, y = points[n, 0, 0], points[n, 0, 1]
+        for c in range(a.shape[0]):  # most cameras are far away
+            if bounds[c, 0] <= x <= bounds[c, 2] and bounds[c, 1] <= y <= bounds[c, 3]:
+                out[n, c] = _sees(points[n], a[c], b[c], eyes[c], normals, limits, ptr)
     return out
 
 
@@ -157,7 +156,6 @@ def _seen_pairs(
     camera: IntArray,
     a: Array,
     b: Array,
-    bounds: Array,
     eyes: Array,
     normals: Array,
     limits: Array,
@@ -166,5 +164,5 @@ def _seen_pairs(
     out = np.zeros(points.shape[0], dtype=np.bool_)
     for n in range(points.shape[0]):
         c = camera[n]
-        out[n] = _sees(points[n], a[c], b[c], bounds[c], eyes[c], normals, limits, ptr)
+        out[n] = _sees(points[n], a[c], b[c], eyes[c], normals, limits, ptr)
     return out
