@@ -29,6 +29,7 @@ _TOGETHER = {
     "batch": ("batch/test_batch_estimator", "batch/", "training/"),
     "flight": ("cli/test_simulate", "control/", "simulation/", "cli/", "agents/", "env/"),
     "adate": ("adate/", "visual/", "kalman/", "planner/", "estimation/test_adate_filter.py"),
+    "structure": ("structure/", "experiments/test_distance_observers"),
     "certificates": ("certification/", "experiments/", "sensing/"),
 }
 

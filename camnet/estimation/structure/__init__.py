@@ -19,6 +19,7 @@ Everything broadcasts over leading dimensions.
 | `distance_observer` | observers 1 and 2; `compiled_observer` the same, compiled |
 | `inverse_depth_observer`, `inverse_depth_filter` | observers 3 and 4 |
 | `bundle` | bundle adjustment of poses, inverse depths, odometry scale and gyro bias |
+| `reconstruct` | path and points of many images at once (`triangulate`, `bootstrap`: its starts) |
 
 A simulation in four lines::
 
