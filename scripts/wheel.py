@@ -28,6 +28,23 @@ choices = next(a.choices for a in build_parser()._actions if isinstance(a, argpa
 with_json = {name: "--json" in parser._option_string_actions for name, parser in choices.items()}
 print(json.dumps({"commands": with_json, "package": camnet.__file__}))
 """
+#: six photographs of a checkerboard, drawn
+_DRAW_BOARD = """
+import cv2, numpy as np
+from pathlib import Path
+from camnet.geometry.pinhole import Pinhole
+from camnet.geometry.rotations import exp
+from camnet.geometry.settings import Intrinsics
+from camnet.sensing.textured_planes import TexturedPlane, checkerboard, draw_planes
+lens = Pinhole.from_settings(Intrinsics(width_px=320, height_px=240, fx_px=280, fy_px=280, cx_px=159.5, cy_px=119.5))
+corner, across, down = np.array([-0.3, -0.225, 0]), np.array([0.6, 0, 0]), np.array([0, 0.45, 0])
+board = TexturedPlane(corner, across, down, checkerboard(10, 7, 20, 20))
+Path("board").mkdir()
+for k in range(6):
+    x, y = 0.35 * np.cos(0.15 + 0.9 * k), 0.35 * np.sin(0.15 + 0.9 * k)
+    picture = draw_planes([board], lens, np.array([x, y, -0.75]), exp(np.array([1.2 * y, -1.2 * x, 0])))
+    cv2.imwrite(f"board/{k}.png", picture.astype(np.uint8))
+"""
 #: two people who cross, one of whom stands for a while
 _PEOPLE = ["id,t,x,y"]
 _PEOPLE += [f"a,{t},{min(t, 40) + max(t - 70, 0)},0" for t in range(0, 111, 10)]
@@ -56,6 +73,7 @@ _ROWS = (
         Smoke("simulate quickstart --duration 4 --out run", leaves=("run/report.html", "run/video.mp4")),
         Smoke("report run --no-video"),
         Smoke("track-video run/video.mp4 --box 100,100,60,60 --out tracked", leaves=("tracked/boxes.csv",)),
+        Smoke("structure board --board 9x6 --out path", leaves=("path/points.ply", "path/structure.mp4")),
         Smoke("certify quickstart --out certified", status=1, leaves=("certified/report.html",)),  # nothing is promised
         Smoke("falsify patrol --trials 20 --out falsified"),
         Smoke("reproduce adate-navigation --seeds 1 --out reproduced"),
@@ -161,6 +179,8 @@ def main() -> None:
         work = folder / "work"
         work.mkdir()
         (work / "people.csv").write_text("\n".join(_PEOPLE) + "\n")
+        draw = [str(scripts / "python"), "-c", _DRAW_BOARD]
+        subprocess.run(draw, cwd=work, env=environment(work), check=True)
         known, tried = commands(scripts, work), {smoke.words.split()[0] for row in _ROWS for smoke in row}
         if set(known) != tried:
             raise SystemExit(
