@@ -60,7 +60,7 @@ CASES: dict[str, Case] = {
     _FIRST: Case("--duration 2 --no-video"),
     "camnet report runs/first": Case("--no-video", needs=(_FIRST,)),
     "camnet certify quickstart": Case(status=1),  # agents without a model: nothing is promised
-    "camnet design --roads city.net.xml --off-max 120": Case(package="sumolib"),
+    "camnet design --roads city.net.xml --off-max 120": Case("--time-limit 5", package="sumolib"),
     "camnet evaluate --episodes 20": Case(_SHORT_SCORES),
     # camnet simulate
     "camnet simulate quickstart": Case(_SHORT_RUN),
@@ -76,7 +76,8 @@ CASES: dict[str, Case] = {
     "camnet certify --roads NET.xml --cameras CAMERAS.csv": Case(package="sumolib", status=1),
     "camnet falsify quickstart --learn --trials 10000": Case("--trials 50 --duration 150", slow=True),
     "camnet falsify patrol --model-error 0.05": Case("--trials 50"),
-    "camnet design --roads NET.xml --off-max 120": Case(package="sumolib"),
+    "camnet design --roads NET.xml --unseen-max-m 600": Case("--time-limit 5", package="sumolib"),
+    "camnet design --roads NET.xml --off-max 120": Case("--time-limit 5", package="sumolib"),
     "camnet design --roads NET.xml --poles POLES.csv": Case(package="sumolib"),
     "camnet design --roads NET.xml --count 60": Case("--time-limit 5", package="sumolib"),
     "camnet design --roads NET.xml --repair CAMERAS.csv": Case("--time-limit 5", package="sumolib"),
@@ -94,6 +95,7 @@ CASES: dict[str, Case] = {
     "tensorboard --logdir runs/train/tensorboard": Case(only_read=_NO_TORCH),
     # the others
     "camnet warm-up": Case(slow=True),
+    "camnet warm-up quickstart": Case(slow=True),
     "camnet warm-up simulate certify": Case(replaced=((" simulate", ""),)),
     "camnet worlds quickstart": Case(),
     "camnet worlds quickstart --yaml": Case(),
