@@ -209,7 +209,7 @@ def _step(name: str) -> None:
 
 
 def _certificates() -> Iterator[tuple[str, Callable[[], object]]]:
-    for name in ("quickstart", "stationary_certified", "mobile_certified"):
+    for name in ("quickstart", "stationary_certified", "mobile_certified", "patrol"):
         yield f"certify {name}", partial(_certify, name)
     # a lap and a bit, so that the target comes back to a view
     yield "certify mobile_certified --learn", partial(_certify, "mobile_certified", 80.0)
