@@ -8,7 +8,8 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import whole
-from camnet.cli.certify import check_learning, learned_model, world_of
+from camnet.cli.certify import learned_model, world_of
+from camnet.cli.certify_options import check_learning
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.output import output_folder, print_json, write_json
 
