@@ -74,7 +74,13 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         metavar="N",
         help="--repair: look for changes of poses at N transitions (default 10)",
     )
-    parser.add_argument("--time-limit", type=positive, default=60.0, metavar="S", help="of the solver, s")
+    parser.add_argument(
+        "--time-limit",
+        type=positive,
+        default=120.0,
+        metavar="S",
+        help="processor time of the solver, s (default 120)",
+    )
     add_target_class(parser)
     add_common(parser)
     parser.set_defaults(run=run)

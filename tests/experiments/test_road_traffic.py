@@ -148,3 +148,18 @@ def test_simulated_traffic_keeps_to_what_a_design_promises(name, shared_data, tm
     status, said = judge(shared_data, fcd, tmp_path / "d" / "cameras.csv", side, limit)
     assert (status, sum(said["broken"].values())) == (0, 0)
     assert max(said["longest_m"].values()) >= 0.6 * limit
+
+
+def test_cameras_that_see_no_road_are_not_certified_and_a_repair_is(shared_data, tmp_path, capsys):
+    folder = shared_data / "regressions"
+    words = ("--roads", folder / "grid3.net.xml", "--off-max", 60, "--footprint", 12)
+    status, found = design(capsys, *words, "--repair", folder / "far.csv", "--time-limit", 3)
+    assert (status, found["certified"]) == (1, False)
+    assert [c["name"] for c in found["promise"]["blind_cameras"]] == ["a", "b"]
+    assert all("longitudes and latitudes?" in line for line in found["warnings"])
+    added = [f"{c['name']},{c['x']},{c['y']}" for c in found["additions"]]
+    (tmp_path / "repaired.csv").write_text("\n".join(["name,x,y", *added]))
+    status = main(
+        ["certify", *map(str, words), "--cameras", str(tmp_path / "repaired.csv"), "--json", "--quiet"]
+    )
+    assert (status, json.loads(capsys.readouterr().out)["promise"]["verdict"]) == (0, "certified")
