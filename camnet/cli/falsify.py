@@ -11,6 +11,7 @@ from camnet.cli.arguments import whole
 from camnet.cli.certify import learned_model, world_of
 from camnet.cli.certify_options import check_learning
 from camnet.cli.common import add_common, positive, progress_bar, say
+from camnet.cli.falsify_closed import EPILOG, add_closed_loop, refuse_closed_options, run_closed
 from camnet.cli.output import output_folder, print_json, write_json
 
 __all__ = ["add_parser"]
@@ -20,7 +21,11 @@ differential evolution. A certificate that is right is never broken: every viola
 The closest approach says how much of the bound such targets use up; near 1 means a sharp bound.
 
   camnet falsify quickstart --learn --trials 10000
-  camnet falsify patrol --model-error 0.05"""
+  camnet falsify patrol --model-error 0.05
+
+These attack the abstraction that the certificate was computed from. With --closed-loop the whole system flies instead:
+agents, wind, noise, several targets at once, and what is judged is what the cameras saw.
+Exit status: 0 nothing broken, 1 a promise is broken, 2 bad input."""
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -29,6 +34,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "falsify",
         help="adversarial simulation against the certificates",
         description=_DESCRIPTION,
+        epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("config", help="a world file, a folder with world.yaml, or a shipped world's name")
@@ -36,14 +42,16 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides", help="change one setting"
     )
     parser.add_argument(
-        "--duration", type=positive, metavar="S", help="length of the run that --learn simulates, s"
+        "--duration",
+        type=positive,
+        metavar="S",
+        help="length of the run that --learn simulates, and of a flight of the closed loop, s",
     )
     parser.add_argument(
         "--trials",
         type=whole(1, 10_000_000),
-        default=1000,
         metavar="N",
-        help="simulated targets (default 1000)",
+        help="simulated targets, or flights of the closed loop (default 1000)",
     )
     parser.add_argument("--learn", action="store_true", help="learn the motion in simulation first")
     parser.add_argument(
@@ -52,21 +60,26 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "--model-error", type=positive, metavar="MPS", help="stated velocity error of the model, m/s"
     )
+    add_closed_loop(parser)
     add_common(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Load, attack, write."""
+    if args.closed_loop:
+        return run_closed(args)
     from camnet.experiments.falsify import falsify_world
     from camnet.experiments.learned_model import save_models
 
+    refuse_closed_options(args)
     check_learning(args)
+    trials = 1000 if args.trials is None else args.trials
     scenario = world_of(args)
     with output_folder(args, "falsify") as output:
         model = learned_model(args, scenario)
         with progress_bar(1.0, "attacking", "", args.quiet) as advance:
-            result = falsify_world(scenario, args.trials, scenario.seed, model, args.model_error, advance)
+            result = falsify_world(scenario, trials, scenario.seed, model, args.model_error, advance)
         content = {"world": scenario.name, **result, "version": __version__}
         if output is not None:
             write_json(output.path / "result.json", content)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from camnet.motion.protocol import TargetState, planar_state
 from camnet.motion.road_network import RoadNetwork
 from camnet.types import Array, Twist
 
-__all__ = ["RoadMotion"]
+__all__ = ["Ahead", "Draws", "RoadMotion"]
 
 #: correlation time of speed and lateral offset, s
 _WANDER_S = 10.0
@@ -25,8 +26,16 @@ _WANDER_S = 10.0
 _LEASH_STEPS = 4
 
 
+class Draws(Protocol):
+    """Where turns come from: a generator, or a plan."""
+
+    def random(self) -> float:
+        """Return the next draw in [0, 1)."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
-class _Ahead:
+class Ahead:
     """The point that runs ahead: road, direction on it, arc length."""
 
     road: int
@@ -91,9 +100,9 @@ class RoadMotion:
         rough_v, smooth_v, rough_d, smooth_d = _wandered(wander, dt_s, rng)
         v = self._speed(smooth_v)
         offset = self.lateral_std_m * math.sqrt(2.0) * smooth_d
-        ahead, goal_x, goal_y = self._lead(_Ahead(int(road), forward > 0.0, arc), x, y, offset, rng)
+        ahead, goal_x, goal_y = self.lead(Ahead(int(road), forward > 0.0, arc), x, y, offset, rng)
         bearing = math.remainder(math.atan2(goal_y - y, goal_x - x) - theta, 2.0 * math.pi)
-        w = self._turn(v, bearing)
+        w = self.turn(v, bearing)
         theta_mid = theta + 0.5 * dt_s * w
         x += dt_s * v * math.cos(theta_mid)
         y += dt_s * v * math.sin(theta_mid)
@@ -118,14 +127,13 @@ class RoadMotion:
         slow, fast = self.speed_mps
         return 0.5 * (slow + fast) + 0.5 * (fast - slow) * math.tanh(math.sqrt(2.0) * wander)
 
-    def _turn(self, v: float, bearing: float) -> float:
+    def turn(self, v: float, bearing: float) -> float:
+        """Return the turn rate at speed ``v`` towards a point at ``bearing``, rad/s."""
         if abs(bearing) > 0.5 * math.pi:  # behind: turn as sharply as allowed
             return math.copysign(self.w_max_radps, bearing)
         return 2.0 * v * math.sin(bearing) / self.leash_m
 
-    def _lead(
-        self, ahead: _Ahead, x: float, y: float, offset: float, rng: np.random.Generator
-    ) -> tuple[_Ahead, float, float]:
+    def lead(self, ahead: Ahead, x: float, y: float, offset: float, rng: Draws) -> tuple[Ahead, float, float]:
         """Move the point ahead until the leash is taut; return it and where it is."""
         for _ in range(_LEASH_STEPS):
             goal_x, goal_y = self._place(ahead, offset)
@@ -135,18 +143,18 @@ class RoadMotion:
             ahead = self._advance(ahead, slack, rng)
         return ahead, *self._place(ahead, offset)
 
-    def _place(self, ahead: _Ahead, offset: float) -> tuple[float, float]:
+    def _place(self, ahead: Ahead, offset: float) -> tuple[float, float]:
         x, y, along = self.network.lines[ahead.road].at(ahead.arc_m)
         side = offset if ahead.forward else -offset
         return x - side * math.sin(along), y + side * math.cos(along)
 
-    def _advance(self, ahead: _Ahead, distance_m: float, rng: np.random.Generator) -> _Ahead:
+    def _advance(self, ahead: Ahead, distance_m: float, rng: Draws) -> Ahead:
         road, forward, arc = ahead.road, ahead.forward, ahead.arc_m
         while True:
             length = self.network.lines[road].length_m
             left = length - arc if forward else arc
             if distance_m < left:
-                return _Ahead(road, forward, arc + distance_m if forward else arc - distance_m)
+                return Ahead(road, forward, arc + distance_m if forward else arc - distance_m)
             distance_m -= left
             road, forward = self.network.after(road, forward, rng.random())
             arc = 0.0 if forward else self.network.lines[road].length_m

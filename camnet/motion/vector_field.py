@@ -96,7 +96,7 @@ class VectorFieldMotion:
             x, y = self.start
         heading = self.start_heading_rad
         theta = self.field.guide(x, y).direction if heading is None else heading
-        v, w = self._command(x, y, theta)
+        v, w = self.command(x, y, theta)
         return planar_state(x, y, 0.0, theta, v, w, (theta, v, w))
 
     def step(self, state: TargetState, t_s: float, dt_s: float, rng: np.random.Generator) -> TargetState:
@@ -139,7 +139,7 @@ class VectorFieldMotion:
     def _step(self, x: float, y: float, theta: float, v: float, w: float, dt_s: float) -> TargetState:
         """Do it for any field, readably; `_step_on_loop` is the compiled twin for loops."""
         if self.drive.lag_s > 0.0:
-            v_goal, w_goal = self._command(x, y, theta)
+            v_goal, w_goal = self.command(x, y, theta)
             gain = -math.expm1(-dt_s / self.drive.lag_s)
             v_next, w_next = v + gain * (v_goal - v), w + gain * (w_goal - w)
             v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
@@ -148,12 +148,12 @@ class VectorFieldMotion:
             half = 0.5 * dt_s
             theta_mid = theta + half * w
             x_mid, y_mid = x + half * v * math.cos(theta), y + half * v * math.sin(theta)
-            v_mid, w_mid = self._command(x_mid, y_mid, theta_mid)
+            v_mid, w_mid = self.command(x_mid, y_mid, theta_mid)
         x += dt_s * v_mid * math.cos(theta_mid)
         y += dt_s * v_mid * math.sin(theta_mid)
         theta += dt_s * w_mid
         if self.drive.lag_s <= 0.0:
-            v_next, w_next = self._command(x, y, theta)
+            v_next, w_next = self.command(x, y, theta)
         return planar_state(x, y, 0.0, theta, v_next, w_next, (theta, v_next, w_next))
 
     def _limits(self) -> tuple[float, float, float, float, float, float]:
@@ -172,10 +172,11 @@ class VectorFieldMotion:
         if self.drive.lag_s > 0.0:
             return None
         theta = float(rotations.yaw_of(q_world))
-        v, w = self._command(float(p_world[0]), float(p_world[1]), theta)
+        v, w = self.command(float(p_world[0]), float(p_world[1]), theta)
         return Twist(np.array([v * math.cos(theta), v * math.sin(theta), 0.0]), np.array([0.0, 0.0, w]))
 
-    def _command(self, x: float, y: float, theta: float) -> tuple[float, float]:
+    def command(self, x: float, y: float, theta: float) -> tuple[float, float]:
+        """Return forward and turning speed, m/s and rad/s, that the robot wants at a pose."""
         psi, grad_x, grad_y, s = self.field.guide(x, y)
         s = min(s, self.drive.v_max_mps)
         feed_forward = s * (grad_x * math.cos(theta) + grad_y * math.sin(theta))
@@ -195,7 +196,7 @@ def _command_on_loop(
     sample_u: Array,
     shape: tuple[float, float, float],
 ) -> tuple[float, float]:
-    """`VectorFieldMotion._command` and `Drive.limited` on a loop."""
+    """`VectorFieldMotion.command` and `Drive.limited` on a loop."""
     v_max, w_max, wheel_base, wheel_max, _, gain = limits
     psi, grad_x, grad_y, s = loop_guide(x, y, knots, coefficients, samples, sample_u, shape)
     v = min(s, v_max)

@@ -91,6 +91,8 @@ class NetworkSimulation(ExactCopies):
         self._rays_clear = world.rays_clear if network.can_occlude else None
         self._certificates = network_certificates(network)
         self._saved = [] if scenario.run.model is None else load_models(scenario.run.model)
+        #: called after every sensing instant
+        self.watchers: list[Callable[[NetworkSimulation], None]] = []
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -247,6 +249,8 @@ class NetworkSimulation(ExactCopies):
         for m, tracker in enumerate(self.trackers):
             tracker.update(snapshot.t_s, int(self.target_region[m]), self._seen_by[m])
         self.statistics.after_sense(self)
+        for watch in self.watchers:
+            watch(self)
 
     def _all_at_once(self) -> Perceiver | None:
         """Return estimators that look and measure for themselves; None where that is done one thing after the other."""

@@ -1,0 +1,171 @@
+"""Fly one attack and keep the log of the truth: which target was in some camera's view when.
+
+| what is promised | what flies |
+| --- | --- |
+| how long targets are out of view of fixed cameras | targets alone, and the simulator's visibility along their ways |
+| an estimate's error before fixed cameras | the closed loop without physics, where nothing can hide anything |
+| anything of agents, or among occluders | the whole closed loop on the rigid-body engine |
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from camnet.experiments.closed_loop.arena import hostile
+from camnet.experiments.closed_loop.plan import Plan
+from camnet.experiments.kinematic_world import KinematicWorld
+from camnet.sensing.visibility import VisibilityTest
+from camnet.simulation.loop import NetworkSimulation
+from camnet.simulation.network import Network
+from camnet.simulation.run import decide, setpoints_for
+from camnet.types import Array, BoolArray, IntArray
+from camnet.world.description import WorldDescription
+from camnet.world.protocol import CameraCommand, World
+from camnet.world.pybullet import PyBulletWorld
+
+__all__ = ["GapRecord", "TruthLog", "fly"]
+
+
+@dataclass(frozen=True, slots=True)
+class GapRecord:
+    """A gap of a target that ended: who saw it before, from when to when, and the estimate's error at its end, m."""
+
+    target: int
+    from_camera: int
+    lost_s: float
+    seen_s: float
+    error_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class TruthLog:
+    """What is judged.
+
+    Attributes
+    ----------
+    t_s : (T,) sensing instants, s
+    seen : (T, M) whether some camera sees the target
+    p_world : (T, M, 3) where it is, m
+    lap : (T, M) which lap of its tour it is on, from 1 (0 where nobody counts)
+    gaps : gaps that ended, with the estimate's errors; empty where no estimator ran
+    use : by assumption, the largest share of what is assumed that occurred
+    """
+
+    t_s: Array
+    seen: BoolArray
+    p_world: Array
+    lap: IntArray
+    gaps: list[GapRecord] = field(default_factory=list)
+    use: dict[str, float] = field(default_factory=dict)
+
+
+def fly(network: Network, plan: Plan, estimator: str | None) -> TruthLog:
+    """Fly ``plan`` for ``run.duration_s``; without an estimator (fixed cameras alone) only the targets move."""
+    description = hostile(network, plan)
+    if estimator is None and network.n_agents == 0:
+        return _watch(network, description, plan)
+    bare = network.n_agents == 0 and not network.occluders and network.n_targets == 1
+    world: World = KinematicWorld(description) if bare else PyBulletWorld(description)
+    try:
+        with _overdue_unsaid():
+            return _fly(NetworkSimulation(network, world, (estimator or "learned",), plan.seed))
+    finally:
+        world.close()
+
+
+@contextmanager
+def _overdue_unsaid() -> Iterator[None]:
+    """Keep the run's own monitor from logging what the attack is about."""
+    logger = logging.getLogger("camnet.certification.monitor")
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
+
+
+def _watch(network: Network, description: WorldDescription, plan: Plan) -> TruthLog:
+    """Move the targets alone and ask the simulator's visibility at every sensing instant."""
+    free = not network.occluders and network.n_targets == 1
+    world: World = KinematicWorld(description) if free else PyBulletWorld(description)
+    scenario = network.scenario
+    every = max(1, round(scenario.controller.rate_hz / scenario.sensing.rate_hz))
+    features = [target.features_m for target in description.targets]
+    test = VisibilityTest(network.cameras, features, [None] * len(network.cameras))
+    rays = None if free else world.rays_clear
+    t_s, seen, places = [], [], []
+    try:
+        snapshot = world.reset(np.random.default_rng(plan.seed))
+        still = CameraCommand.zeros(0)
+        for k in range(round(scenario.run.duration_s * scenario.controller.rate_hz) + 1):
+            if k % every == 0:
+                t_s.append(snapshot.t_s)
+                seen.append(test(snapshot, rays).any(axis=0))
+                places.append(snapshot.target_p_world.copy())
+            snapshot = world.step(still)
+    finally:
+        world.close()
+    return TruthLog(np.array(t_s), np.array(seen), np.array(places), np.zeros(np.shape(seen), dtype=np.int64))
+
+
+class _Keeper:
+    """Writes the truth down at every sensing instant."""
+
+    def __init__(self) -> None:
+        self.t_s: list[float] = []
+        self.seen: list[Any] = []
+        self.places: list[Array] = []
+        self.laps: list[list[int]] = []
+        self.at_once = 0
+
+    def __call__(self, simulation: NetworkSimulation) -> None:
+        self.t_s.append(simulation.snapshot.t_s)
+        self.seen.append(simulation.visible.any(axis=0))
+        self.places.append(simulation.snapshot.target_p_world.copy())
+        self.laps.append([tracker.lap for tracker in simulation.trackers])
+        inside = simulation.target_region[simulation.target_region >= 0]
+        self.at_once = max(self.at_once, int(np.bincount(inside).max(initial=0)))
+
+
+def _fly(simulation: NetworkSimulation) -> TruthLog:
+    keeper = _Keeper()
+    keeper(simulation)  # the first instant was sensed before anybody could watch
+    simulation.watchers.append(keeper)
+    run = simulation.network.scenario.run
+    for _ in range(round(run.duration_s * run.decision_hz)):
+        simulation.advance(setpoints_for(simulation, decide(simulation)))
+    name = simulation.filter_names[0]
+    gaps = [
+        GapRecord(m, g.from_camera, g.lost_s, g.seen_s, g.error_m[name])
+        for m, recorder in enumerate(simulation.gaps)
+        for g in recorder.gaps
+    ]
+    return TruthLog(
+        np.array(keeper.t_s),
+        np.array(keeper.seen),
+        np.array(keeper.places),
+        np.array(keeper.laps),
+        gaps,
+        _use(simulation, keeper),
+    )
+
+
+def _use(simulation: NetworkSimulation, keeper: _Keeper) -> dict[str, float]:
+    """Return how much of each assumption about agents was used up."""
+    out = {}
+    if simulation.network.n_agents:
+        out["one target in a region at a time"] = float(keeper.at_once)
+        seen = simulation.disturbance.summary()
+        out["bound of the disturbance"] = max(
+            float(seen["disturbance_max"]) / float(seen["d_bar"]),
+            float(seen["disturbance_max_radps"]) / float(seen["d_bar_radps"]),
+        )
+        out["agents stay in their regions"] = float(simulation.statistics.region_exits > 0)
+        out["no collisions"] = float(len(simulation.statistics.collisions) > 0)
+    return out
