@@ -24,10 +24,16 @@ EPILOG = """In the closed loop:
   camnet falsify WORLD --closed-loop --replay DIR/attack.json     fly the worst attack again
 
 The attacker chooses start, direction, turns, speeds, stops and offset of every target, the wind's direction, and the
-seed of noise and gusts. The judge is the truth alone: which target was in some camera's view when. A promise of one's
-own (--promise) is a JSON object with some of: unseen_max_m, unseen_max_s (longest stretch out of view), error (bound of
-the estimate when a target is seen again: initial_m + growth_mps x time, at most max_m), targets_at_once,
-into_first_view (false: the stretch before the first view does not count), after_laps, after_s (from when on it holds), world, note.
+seed of noise and gusts. The judge is the truth alone: which target was in some camera's view when.
+
+--promise takes a certificate.json, or a JSON object with some of these keys:
+  unseen_max_m, unseen_max_s    longest stretch out of view
+  error                         bound of the estimate's error when a target is seen again: an object with some of
+                                initial_m, growth_mps, max_m: initial_m + growth_mps x time, at most max_m
+  targets_at_once               for how many targets at the same time it holds (default: any number)
+  into_first_view               false: the stretch before the first view does not count
+  after_laps, after_s           from when on it holds
+  world, note                   of which world it is, and words
 With --out: result.json and attack.json, the worst attack."""
 
 #: options that only the closed loop uses
