@@ -68,6 +68,11 @@ EXPERIMENTS = {
         15,
         takes_images=True,
     ),
+    "key-frame-position": Experiment(
+        "camnet.experiments.key_frame_position",
+        "a camera's position over 250 m, a landmark once a loop (bell2019, ch. 4)",
+        5,
+    ),
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
         "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",
