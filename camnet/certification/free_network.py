@@ -29,7 +29,7 @@ from camnet.certification.verdict import theorem_31
 from camnet.geometry.polytope import largest_ball
 from camnet.types import Array
 
-__all__ = ["FreeTargetClass", "GroundView", "certify_free", "ground_views"]
+__all__ = ["FreeTargetClass", "GroundView", "certify_free", "ground_outline", "ground_views"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +75,7 @@ def ground_views(
     out = []
     for camera, name in enumerate(names):
         view = planar_view(views, camera, height_m, extent_m)
-        corners = _outline(view, views.bounds_xy[camera])
-        outline = shapely.Polygon(corners) if len(corners) >= 3 else shapely.Polygon()
+        outline = ground_outline(view, views.bounds_xy[camera])
         radius = largest_ball(view.normals, view.offsets)[1] if outline.area > 0.0 else 0.0
         seen = GroundView(name, view, outline, max(radius, 0.0))
         out.append(_without_shadows(seen, views.position[camera], height_m, extent_m, occluders))
@@ -94,14 +93,15 @@ def _without_shadows(
     return GroundView(seen.name, view, view.shape, inscribed_radius(view))
 
 
-def _outline(view: PlanarView, bounds: Array) -> list[tuple[float, float]]:
+def ground_outline(view: PlanarView, bounds: Array) -> shapely.Polygon:
+    """Return a convex view in the targets' plane as a polygon inside the box ``bounds`` (4,), empty if it has none."""
     if not view.possible:
-        return []
+        return shapely.Polygon()
     x0, y0, x1, y1 = (float(v) for v in bounds)
     polygon = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     for normal, offset in zip(view.normals.tolist(), view.offsets.tolist(), strict=True):
         polygon = clip_polygon(polygon, normal[0], normal[1], offset)
-    return polygon
+    return shapely.Polygon(polygon) if len(polygon) >= 3 else shapely.Polygon()
 
 
 def certify_free(

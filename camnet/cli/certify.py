@@ -14,7 +14,17 @@ from camnet.cli.common import add_common, overrides, positive, progress_bar, say
 from camnet.cli.output import output_folder, print_json, write_json
 from camnet.cli.traffic import kept, print_check
 
-__all__ = ["CLAIMS", "add_parser", "add_target_class", "claimed", "learned_model", "read_tracks"]
+__all__ = [
+    "CLAIMS",
+    "add_parser",
+    "add_pixel_class",
+    "add_target_class",
+    "claimed",
+    "image_size",
+    "learned_model",
+    "read_tracks",
+    "world_of",
+]
 
 _DESCRIPTION = """Certify a network before it is built.
 
@@ -92,6 +102,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     site.add_argument(
         "--footprint", type=positive, metavar="M", help="side of a road camera's view, m (default: 30)"
     )
+    add_pixel_class(site, "cameras see as far as they have the pixels of this class, in place of --range")
     promise = parser.add_argument_group("the promise")
     promise.add_argument(
         "--targets",
@@ -117,6 +128,20 @@ def _count(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number of at least 1 was expected")
     return int(text)
+
+
+def add_pixel_class(group: Any, words: str) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Add ``--class``, whose names are those of EN 62676-4:2015."""
+    from camnet.geometry.pixel_classes import PIXEL_CLASSES
+
+    names = ", ".join(f"{name} {least:g}" for name, least in PIXEL_CLASSES.items())
+    group.add_argument(
+        "--class",
+        dest="pixel_class",
+        choices=tuple(PIXEL_CLASSES),
+        metavar="CLASS",
+        help=f"{words}: {names} px/m",
+    )
 
 
 def add_target_class(parser: argparse.ArgumentParser) -> None:
@@ -212,10 +237,13 @@ def _certify(args: argparse.Namespace) -> tuple[Any, Any]:
 def _world(args: argparse.Namespace) -> tuple[Any, Any]:
     from camnet.errors import ConfigError
     from camnet.experiments.certify_world import certify_world
-    from camnet.experiments.restate import restate_class
+    from camnet.experiments.restate import restate_class, restate_pixels
     from camnet.motion.settings import RoadTarget
 
-    scenario = restate_class(world_of(args), v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
+    scenario = world_of(args)
+    if args.pixel_class is not None:
+        scenario = restate_pixels(scenario, args.pixel_class)
+    scenario = restate_class(scenario, v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
     roads = any(isinstance(t.motion, RoadTarget) for t in scenario.targets)
     if args.model_error is not None and not (roads or args.learn or args.model):
         raise ConfigError(
@@ -296,8 +324,9 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     certified, views, names, _ = certify_cameras(
         args.cameras,
         target,
-        image_px=_image(args.image or "1920x1080"),
+        image_px=image_size(args.image or "1920x1080"),
         range_m=args.range or 80.0,
+        pixel_class=args.pixel_class,
         e0_m=e0,
         growth=_growth(args, e0),
         off_max_s=args.off_max,
@@ -313,7 +342,8 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     return certified
 
 
-def _image(text: str) -> tuple[int, int]:
+def image_size(text: str) -> tuple[int, int]:
+    """Read the width and height of ``--image``, px."""
     from camnet.errors import ConfigError
     from camnet.numerals import read_whole
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-__all__ = ["check_learning", "refuse_unused"]
+__all__ = ["check_learning", "refuse_two_ranges", "refuse_unused"]
 
 #: options by the inputs that use them; elsewhere they are refused by name
 _USED_BY = {
@@ -19,6 +19,7 @@ _USED_BY = {
     "origin": ("site",),
     "image": ("site",),
     "range": ("site",),
+    "pixel_class": ("world", "site"),
     "footprint": ("roads",),
     "v_lo": ("world", "roads"),
     "unseen_max_m": ("world", "roads"),
@@ -26,6 +27,7 @@ _USED_BY = {
     "check": ("roads",),
     "on_min": ("world", "roads"),
 }
+_OPTION = {"overrides": "--set", "pixel_class": "--class"}
 _INPUTS = {"world": "a world file", "site": "--cameras DIR_OF_KRTD", "roads": "--roads NET"}
 
 
@@ -37,16 +39,27 @@ def refuse_unused(args: argparse.Namespace) -> None:
     for name, kinds in _USED_BY.items():
         value = getattr(args, name)
         if value not in (None, False, []) and kind not in kinds:
-            option = "--set" if name == "overrides" else "--" + name.replace("_", "-")
+            option = _OPTION.get(name, "--" + name.replace("_", "-"))
             where = " and ".join(_INPUTS[k] for k in kinds)
             given = option if value is True else f"{option} {value[0] if isinstance(value, list) else value}"
             raise ConfigError(f"{given}: applies to {where}, not to {_INPUTS[kind]}; leave it out")
+    refuse_two_ranges(args)
     check_learning(args)
     if kind == "site" and args.tracks is None:
         for name in ("fix_error", "origin"):
             if getattr(args, name) is not None:
                 option = "--" + name.replace("_", "-")
                 raise ConfigError(f"{option} {getattr(args, name)}: is about recorded tracks; add --tracks")
+
+
+def refuse_two_ranges(args: argparse.Namespace) -> None:
+    """Refuse a range beside a class, which says how far cameras see."""
+    from camnet.errors import ConfigError
+
+    if args.pixel_class is not None and args.range is not None:
+        raise ConfigError(
+            f"--class {args.pixel_class} and --range {args.range:g}: the class says how far cameras see; give one"
+        )
 
 
 def check_learning(args: argparse.Namespace) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import whole
-from camnet.cli.certify import add_target_class, read_tracks
+from camnet.cli.certify import add_pixel_class, add_target_class, read_tracks
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.output import Output, output_folder, print_json, write_json
 from camnet.cli.traffic import kept, print_check
@@ -74,6 +74,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         metavar="N",
         help="--repair: look for changes of poses at N transitions (default 10)",
     )
+    add_pixel_class(parser, "only for cameras with intrinsics, which --roads and --tracks do not have")
     parser.add_argument(
         "--time-limit",
         type=positive,
@@ -112,6 +113,11 @@ def _refuse_unused(args: argparse.Namespace) -> None:
     """Refuse options that the kind of design does not use."""
     from camnet.errors import ConfigError
 
+    if args.pixel_class is not None:
+        raise ConfigError(
+            f"--class {args.pixel_class}: over --roads and on --tracks cameras are square footprints without "
+            "intrinsics, so they have no pixels per metre; give --footprint"
+        )
     unused = {
         "check": "--repair" if args.repair is not None else "",
         "origin": "" if args.tracks else "--roads",

@@ -15,6 +15,7 @@ from camnet import __version__  # noqa: E402 - the thread counts above come firs
 from camnet.cli import (  # noqa: E402
     bench,
     certify,
+    coverage,
     design,
     evaluate,
     falsify,
@@ -40,6 +41,7 @@ _EPILOG = """examples:
   camnet simulate quickstart --out runs/first       simulate, learn, hand off; writes a report
   camnet report runs/first                          draw the report again
   camnet certify quickstart                         how long may the target stay unseen?
+  camnet coverage stationary_certified              how much do its cameras see, and how well?
   camnet design --roads city.net.xml --off-max 120  the fewest cameras that certify a city
   camnet evaluate --episodes 20                     agents against each other on the same episodes
 
@@ -59,6 +61,7 @@ def build_parser() -> Parser:
     for module in (
         simulate,
         certify,
+        coverage,
         falsify,
         design,
         train,

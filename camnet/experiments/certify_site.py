@@ -28,6 +28,7 @@ from camnet.experiments.promise_world import Limit
 from camnet.experiments.road_site import read_road_site
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.pinhole import Pinhole
+from camnet.geometry.pixel_density import class_range_m
 from camnet.geometry.settings import CameraModel, Intrinsics
 from camnet.importers.krtd import KrtdCamera, read_krtd_folder
 from camnet.importers.sumo_detectors import Sensor, read_detectors, read_sensor_table
@@ -103,12 +104,17 @@ def certify_cameras(
     growth: GrowthModel | None = None,
     off_max_s: float | None = None,
     on_min_s: float | None = None,
+    pixel_class: str | None = None,
 ) -> tuple[Certified, Views, list[str], list[str]]:
-    """Certify surveyed cameras of an open site; also return their views, their names and warnings."""
+    """Certify surveyed cameras of an open site; also return their views, their names and warnings.
+
+    A ``pixel_class`` (EN 62676-4:2015) says how far each camera sees, in place of ``range_m``.
+    """
     cameras: Sequence[KrtdCamera] = read_krtd_folder(folder, *image_px)
     frusta, warnings = [], []
     for camera in cameras:
-        frustum, share = usable_frustum(camera.name, camera.intrinsics, min(1.0, 0.1 * range_m), range_m)
+        reach = range_m if pixel_class is None else class_range_m(camera.intrinsics, pixel_class)
+        frustum, share = usable_frustum(camera.name, camera.intrinsics, min(1.0, 0.1 * reach), reach)
         if share < 1.0:
             warnings.append(
                 f"{camera.name}: its distortion folds the image over before the border; the view is cut to the inner "
@@ -121,7 +127,8 @@ def certify_cameras(
         views, names, target, height_m=height_m, off_max_s=off_max_s, on_min_s=on_min_s, e0_m=e0_m, growth=growth
     )  # fmt: skip
     report["constants"] = {
-        "range_m": range_m,
+        "range_m": range_m if pixel_class is None else None,
+        "class": pixel_class,
         "height_m": height_m,
         "initial_error_m": e0_m,
         "off_max_s": off_max_s,

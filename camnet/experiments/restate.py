@@ -1,4 +1,4 @@
-"""The class of a world's targets restated for a certificate: speeds and extent from the command line."""
+"""A world restated for a certificate: speeds and extent of its targets, and how far its cameras see."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 
 from camnet.config.models import Scenario
 from camnet.errors import ConfigError
+from camnet.geometry.pixel_density import with_class_range
 from camnet.motion.settings import RoadTarget, TargetSettings
 
-__all__ = ["restate_class"]
+__all__ = ["restate_class", "restate_pixels"]
 
 #: points that stand for an extent: a ring on the ground
 _RING = 8
@@ -37,6 +38,18 @@ def restate_class(
     """
     targets = tuple(_restated(t, v_lo_mps, v_max_mps, extent_m) for t in scenario.targets)
     return scenario.model_copy(update={"targets": targets})
+
+
+def restate_pixels(scenario: Scenario, pixel_class: str) -> Scenario:
+    """Return the world with cameras that see no further than they have the pixels of a class (EN 62676-4:2015).
+
+    Raises
+    ------
+    ConfigError
+        There is no such class, or a camera has its pixels nowhere in its range.
+    """
+    cameras = tuple(with_class_range(camera, pixel_class) for camera in scenario.cameras)
+    return scenario.model_copy(update={"cameras": cameras})
 
 
 def _restated(

@@ -11,7 +11,7 @@ from camnet.errors import DataError
 from camnet.importers._reading import Place, number
 from camnet.types import Array
 
-__all__ = ["Origin", "enu_from_geodetic", "latitude", "longitude"]
+__all__ = ["Origin", "enu_from_geodetic", "geodetic_from_enu", "latitude", "longitude"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +42,15 @@ def enu_from_geodetic(latitude_deg: Array, longitude_deg: Array, altitude_m: Arr
         origin.altitude_m,
     )
     return np.stack([np.asarray(east), np.asarray(north), np.asarray(up)], axis=-1)
+
+
+def geodetic_from_enu(p_world: Array, origin: Origin) -> Array:
+    """Convert (n, 3) east, north, up about ``origin``, m, to (n, 3) longitude, latitude (degrees), altitude (m)."""
+    p = np.asarray(p_world, dtype=float)
+    lat, lon, alt = pymap3d.enu2geodetic(
+        p[:, 0], p[:, 1], p[:, 2], origin.latitude_deg, origin.longitude_deg, origin.altitude_m
+    )
+    return np.stack([np.asarray(lon), np.asarray(lat), np.asarray(alt)], axis=-1)
 
 
 def latitude(text: str, where: str | Place, field: str = "latitude") -> float:
