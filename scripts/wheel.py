@@ -75,6 +75,7 @@ _ROWS = (
         Smoke("track-video run/video.mp4 --box 100,100,60,60 --out tracked", leaves=("tracked/boxes.csv",)),
         Smoke("structure board --board 9x6 --out path", leaves=("path/points.ply", "path/structure.mp4")),
         Smoke("certify quickstart --out certified", status=1, leaves=("certified/report.html",)),  # nothing is promised
+        Smoke("coverage stationary_certified --origin 50,8,0 --out covered", leaves=("covered/coverage.geojson",)),
         Smoke("falsify patrol --trials 20 --out falsified"),
         Smoke("reproduce adate-navigation --seeds 1 --out reproduced"),
         Smoke("warm-up certify"),

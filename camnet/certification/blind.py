@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from camnet.certification.coverage import Views
+from camnet.certification.free_network import ground_outline
 from camnet.certification.promise import BlindCamera
 from camnet.certification.reachable import planar_view
 from camnet.types import Array, BoolArray
@@ -55,7 +56,7 @@ def _reason(
     away = float(shapely.distance(shapely.Point(eye[:2]), ways))
     if away > max(_FAR_M, _ELSEWHERE * float(np.linalg.norm(high - low))):
         return _elsewhere(eye, away, low, high)
-    outline = _outline(views, camera, height_m)
+    outline = ground_outline(planar_view(views, camera, height_m, 0.0), views.bounds_xy[camera])
     if outline.is_empty:
         return (
             f"looks away: it sees no ground, {abs(eye[2] - height_m):.3g} m above it (it looks too high, or its "
@@ -83,25 +84,3 @@ def _elsewhere(eye: Array, away_m: float, low: Array, high: Array) -> str:
     elif not degrees:
         question = "are these longitudes and latitudes, centimetres, or the coordinates of another map?"
     return f"stands at ({x:g}, {y:g}), {away_m / 1000.0:.3g} km from every way: {question}"
-
-
-def _outline(views: Views, camera: int, height_m: float) -> shapely.Polygon:
-    """Return the ground (z = ``height_m``) that a camera sees, cut to the box about its view."""
-    view = planar_view(views, camera, height_m, 0.0)
-    if not view.possible:
-        return shapely.Polygon()
-    x0, y0, x1, y1 = (float(v) for v in views.bounds_xy[camera])
-    shape: shapely.Geometry = shapely.box(x0, y0, x1, y1)
-    reach = 4.0 * max(x1 - x0, y1 - y0, 1.0)
-    middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
-    for normal, offset in zip(view.normals, view.offsets.tolist(), strict=True):
-        across = np.array([-normal[1], normal[0]])
-        foot = middle + (offset - float(normal @ middle)) * normal
-        corners = [
-            foot + reach * across,
-            foot - reach * across,
-            foot - reach * across - reach * normal,
-            foot + reach * across - reach * normal,
-        ]
-        shape = shape.intersection(shapely.Polygon(corners))
-    return shape if isinstance(shape, shapely.Polygon) else shapely.Polygon()

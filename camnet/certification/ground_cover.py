@@ -14,10 +14,11 @@ import shapely
 
 from camnet.certification.coverage import Coverage
 from camnet.certification.lens_views import Watch
+from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.sight_lines import Solids, seen_by
 from camnet.types import Array, BoolArray, IntArray
 
-__all__ = ["Grid", "GroundCover", "cover_ground", "lengths_by_cameras"]
+__all__ = ["Grid", "GroundCover", "cover_ground", "lengths_by_cameras", "stretches_inside"]
 
 #: a place on the face of a solid belongs to it, m
 _ON_FACE_M = 1e-9
@@ -149,16 +150,46 @@ def _ground(grid: Grid, area: shapely.Geometry, solids: Solids, height_m: float)
     return ground
 
 
-def lengths_by_cameras(coverage: Coverage, length_m: Array, chosen: BoolArray) -> list[float]:
-    """Return the length (m) of the chosen arcs (A,) of which 0, 1, 2, ... cameras see the whole cross-section."""
-    keep = chosen[coverage.arc]
-    arc = np.tile(coverage.arc[keep], 2)
-    at = np.r_[coverage.start_m[keep], coverage.end_m[keep]]
-    step = np.repeat([1, -1], int(keep.sum()))
+def lengths_by_cameras(
+    coverage: Coverage, length_m: Array, chosen: BoolArray, inside: Coverage | None = None
+) -> list[float]:
+    """Return the length (m) of the chosen arcs (A,) of which 0, 1, 2, ... cameras see the whole cross-section.
+
+    Only the stretches of ``inside`` count, if given: what one stands for is of no matter, and none meets another.
+    """
+    if inside is None:
+        n = np.flatnonzero(chosen)
+        zero = np.zeros(len(n))
+        inside = Coverage(n, n, zero, length_m[n], zero, zero)
+    most = len(coverage.arc) + 1  # a place in a stretch that counts has this much more
+    parts = ((coverage, 1), (inside, most))
+    rows = [
+        (of.arc[keep], at[keep], np.full(int(keep.sum()), sign * weight))
+        for of, weight in parts
+        for keep in (chosen[of.arc],)
+        for at, sign in ((of.start_m, 1), (of.end_m, -1))
+    ]
+    arc, at, step = (np.concatenate([row[k] for row in rows]) for k in range(3))
     order = np.lexsort((step, at, arc))
     arc, at, count = arc[order], at[order], np.cumsum(step[order])
     ahead = np.r_[np.where(arc[1:] == arc[:-1], np.diff(at), 0.0), 0.0][: len(at)]
-    lengths = np.bincount(count, weights=ahead, minlength=1) if len(count) else np.zeros(1)
-    lengths[0] = 0.0
-    lengths[0] = max(0.0, float(length_m[chosen].sum() - lengths.sum()))
+    counted = count >= most
+    lengths = np.bincount(count[counted] - most, weights=ahead[counted], minlength=1)
     return [float(v) for v in lengths]
+
+
+def stretches_inside(roads: RoadArcs, area: shapely.Geometry) -> Coverage:
+    """Return the stretches of arcs whose middle line is in an area; the columns ``camera`` and ``depth_m`` are 0."""
+    ends = roads.start_xy + roads.piece_length_m[:, None] * roads.direction_xy
+    lines = shapely.linestrings(np.stack([roads.start_xy, ends], axis=1))
+    shapely.prepare(area)
+    rows: list[tuple[int, float, float]] = []
+    for k in np.flatnonzero(shapely.intersects(area, lines)).tolist():
+        offset, arc = float(roads.piece_offset_m[k]), int(roads.piece_arc[k])
+        for part in shapely.get_parts(shapely.intersection(lines[k], area)):
+            s = (shapely.get_coordinates(part) - roads.start_xy[k]) @ roads.direction_xy[k]
+            if len(s) > 1 and float(np.ptp(s)) > 0.0:
+                rows.append((arc, offset + float(s.min()), offset + float(s.max())))
+    table = np.array(sorted(rows), dtype=float).reshape(-1, 3)
+    arcs = table[:, 0].astype(np.int64)
+    return Coverage(arcs, 0 * arcs, table[:, 1], table[:, 2], 0.0 * table[:, 1], table[:, 1])

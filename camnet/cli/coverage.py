@@ -181,7 +181,7 @@ def _site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
 def _write(output: Any, covered: Any, content: dict[str, Any], origin: Any) -> None:  # noqa: ANN401
     from camnet.experiments.coverage_files import drawing_of, geo_features, write_places
     from camnet.report.coverage_map import write_blind_map, write_pixel_map
-    from camnet.report.coverage_page import headline, write_coverage_page
+    from camnet.report.coverage_page import write_coverage_page
     from camnet.report.geojson import feature_collection
 
     folder = output.path

@@ -11,7 +11,13 @@ import numpy as np
 import shapely
 
 from camnet.certification.blind import blind_cameras
-from camnet.certification.ground_cover import Grid, GroundCover, cover_ground, lengths_by_cameras
+from camnet.certification.ground_cover import (
+    Grid,
+    GroundCover,
+    cover_ground,
+    lengths_by_cameras,
+    stretches_inside,
+)
 from camnet.certification.ground_outlines import blind_spots, polygons, solid_outline, view_outlines
 from camnet.certification.lens_views import Watch
 from camnet.certification.sight_lines import Solids
@@ -148,7 +154,8 @@ def _report(
     height_m: float,
     pixel_class: str | None,
 ) -> dict[str, Any]:
-    roads = _roads(site, watch, height_m)
+    within = shapely.union_all([a.shape for a in areas]) if areas else None
+    roads = _roads(site, watch, height_m, within)
     warnings = [*site.warnings, *_blind_words(site, watch, ground, height_m)]
     return {
         "site": site.name,
@@ -159,7 +166,7 @@ def _report(
         "places": int(ground.ground.sum()),
         "ground": _summed(ground.shares(), "m2"),
         "roads": roads,
-        "classes": _classes(site, watch, ground, height_m),
+        "classes": _classes(site, watch, ground, height_m, within),
         "areas": [_named(ground, area) for area in areas],
         "blind_spots": [_spot(part) for part in blind[:_MOST_SPOTS]],
         "blind_spots_count": len(blind),
@@ -188,21 +195,29 @@ def _named(ground: GroundCover, area: NamedArea) -> dict[str, Any]:
     return {"name": area.name, **_summed(ground.shares(part), "m2")}
 
 
-def _roads(site: CoverageSite, watch: Watch, height_m: float) -> dict[str, Any] | None:
-    if not site.roads:
+def _roads(
+    site: CoverageSite, watch: Watch, height_m: float, area: shapely.Geometry | None
+) -> dict[str, Any] | None:
+    """Return the length of road seen, inside an area if given; None where there is no road."""
+    found = []
+    for part in site.roads:
+        inside = None if area is None else stretches_inside(part.arcs, area)
+        coverage = part.cover(watch, site.parts, height_m)
+        found.append(lengths_by_cameras(coverage, part.arcs.length_m, part.counted, inside))
+    if not found or sum(sum(lengths) for lengths in found) <= 0.0:
         return None
-    found = [
-        lengths_by_cameras(part.cover(watch, site.parts, height_m), part.arcs.length_m, part.counted)
-        for part in site.roads
-    ]
     most = max(len(lengths) for lengths in found)
     lengths = [sum(part[k] for part in found if k < len(part)) for k in range(most)]
-    whole = max(sum(lengths), 1e-12)
+    whole = sum(lengths)
     return _summed([{"cameras": k, "m": v, "share": v / whole} for k, v in enumerate(lengths)], "m")
 
 
 def _classes(
-    site: CoverageSite, watch: Watch, ground: GroundCover, height_m: float
+    site: CoverageSite,
+    watch: Watch,
+    ground: GroundCover,
+    height_m: float,
+    area: shapely.Geometry | None,
 ) -> list[dict[str, Any]] | None:
     """Return the share of ground and road that some camera sees with the pixels of each class."""
     if ground.px_per_m is None:
@@ -210,7 +225,7 @@ def _classes(
     out = []
     for name, least in PIXEL_CLASSES.items():
         enough = ground.ground & (ground.px_per_m >= least)
-        roads = _roads(site, watch.capped(least), height_m)
+        roads = _roads(site, watch.capped(least), height_m, area)
         out.append(
             {
                 "class": name,

@@ -37,7 +37,7 @@ def write_places(path: Path, covered: Covered) -> None:
 
 
 def geo_features(covered: Covered) -> Iterator[GeoFeature]:
-    """Yield cameras, what each sees, what all see by class, named areas, and blind spots; views are not cut to areas."""
+    """Yield cameras, what each sees, what all see by class, named areas, blind spots; views are not cut to areas."""
     for row, view in zip(covered.report["camera_list"], covered.views, strict=True):
         place = np.array([row["x_m"], row["y_m"], row["z_m"]])
         about = {k: row[k] for k in ("name", "pan_deg", "tilt_deg", "px_per_m")}

@@ -1,4 +1,4 @@
-"""Areas from GeoJSON (RFC 7946): polygons in longitude and latitude, or in a site's own metres where it has no origin."""
+"""Areas from GeoJSON (RFC 7946): polygons in longitude and latitude, or in the metres of a site without an origin."""
 
 from __future__ import annotations
 

@@ -190,19 +190,17 @@ def _scale_and_north(axes: Axes) -> None:
         clip_on=False,
         solid_capstyle="butt",
     )
-    axes.text(
-        1.04 + 0.5 * share, 0.075, f"{length:g} m", transform=axes.transAxes, ha="center", va="bottom"
-    )
+    axes.text(1.04 + 0.5 * share, 0.075, f"{length:g} m", transform=axes.transAxes, ha="center", va="bottom")
     axes.annotate(
-        "N",
-        (1.10 + share, 0.16),
+        "",
+        (1.10 + share, 0.14),
         (1.10 + share, 0.05),
         xycoords="axes fraction",
         textcoords="axes fraction",
-        ha="center",
         annotation_clip=False,
-        arrowprops={"arrowstyle": "<|-", "color": _AREA, "shrinkA": 0.0, "shrinkB": 0.0},
+        arrowprops={"arrowstyle": "-|>", "color": _AREA, "shrinkA": 0.0, "shrinkB": 0.0},
     )
+    axes.text(1.10 + share, 0.145, "N", transform=axes.transAxes, ha="center", va="bottom")
 
 
 def _fill(axes: Axes, shape: shapely.Geometry, **style: object) -> None:
@@ -210,7 +208,7 @@ def _fill(axes: Axes, shape: shapely.Geometry, **style: object) -> None:
     for part in _parts(shape):
         rings = [np.asarray(ring.coords) for ring in (part.exterior, *part.interiors)]
         codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(r) - 2), Outline.CLOSEPOLY] for r in rings]
-        axes.add_patch(PathPatch(Outline(np.concatenate(rings), np.concatenate(codes)), **style))  # type: ignore[arg-type]
+        axes.add_patch(PathPatch(Outline(np.concatenate(rings), np.concatenate(codes)), **style))
 
 
 def _parts(shape: shapely.Geometry) -> Iterable[shapely.Polygon]:

@@ -22,9 +22,7 @@ def headline(report: dict[str, Any]) -> str:
     """Return the result in one sentence."""
     ground, roads = report["ground"], report["roads"]
     quality = "" if report["class"] is None else f" well enough to {report['class']}"
-    words = (
-        f"{report['cameras']} cameras see {ground['seen_share']:.1%} of {ground['m2']:,.0f} m2 of ground{quality}"
-    )
+    words = f"{report['cameras']} cameras see {ground['seen_share']:.1%} of {ground['m2']:,.0f} m2 of ground{quality}"
     if roads is not None:
         words += f", and the whole width of {roads['seen_share']:.1%} of {roads['m']:,.0f} m of road"
     return words + "."
@@ -120,7 +118,16 @@ def _cameras(report: dict[str, Any]) -> str:
                 "–" if pixels is None else f"{pixels[0]:.0f} to {pixels[1]:.0f}",
             )
         )
-    head = ("camera", "x (m)", "y (m)", "height (m)", "pan (deg)", "tilt (deg)", "sees (m2)", "pixels per metre")
+    head = (
+        "camera",
+        "x (m)",
+        "y (m)",
+        "height (m)",
+        "pan (deg)",
+        "tilt (deg)",
+        "sees (m2)",
+        "pixels per metre",
+    )
     words = "<p>Pan: anticlockwise from the x axis; tilt: below the horizon; seen: of what is counted.</p>"
     return words + table(head, rows)
 

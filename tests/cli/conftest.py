@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -62,6 +63,15 @@ def _people(path: Path) -> None:
             y = 5.0 + 20.0 * abs((t + 30 * person) % 60 - 30) / 30.0
             rows.append(f"p{person},{t},{3.0 * person:.2f},{y:.3f}")
     path.write_text("\n".join(rows) + "\n")
+
+
+def _areas(path: Path) -> None:
+    """A yard of some 20 m before the cameras, about the origin of the example."""
+    west, south, east, north = -85.5301, 39.05005, -85.5299, 39.0502
+    ring = [[west, south], [east, south], [east, north], [west, north], [west, south]]
+    yard = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "properties": {"name": "yard"}, "geometry": yard}
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
 
 
 def _video(path: Path) -> None:
@@ -142,6 +152,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("POLES.csv", "CAMERAS.csv"):
         (folder / name).write_text("name,x,y\na,0,0\nb,300,0\nc,300,300\nd,600,0\nm,150,0\n")
     _people(folder / "people.csv")
+    _areas(folder / "AREAS.geojson")
     (folder / "DIR_OF_KRTD").mkdir()
     for k, name in enumerate(("gate", "yard")):
         (folder / "DIR_OF_KRTD" / f"{name}.krtd").write_text(_CAMERA.format(cx=960, tx=-4.0 * k))

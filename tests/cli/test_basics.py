@@ -105,7 +105,7 @@ def test_what_is_mistyped_gets_a_suggestion(
 
 
 _NEED = {"design": ["--tracks", "x.csv"], "simulate": ["quickstart"], "falsify": ["patrol"]}
-_NEED |= {"structure": ["x.mp4"]}
+_NEED |= {"structure": ["x.mp4"], "coverage": ["patrol"]}
 _NEED |= {"reproduce": ["adate-table"], "track-video": ["x.mp4"], "bench": ["sensing"], "certify": ["patrol"]}
 
 
@@ -153,6 +153,10 @@ def test_seeds_mean_the_same_everywhere(
         ("falsify patrol --model-error 0.05 --duration 3", "--duration 3"),
         ("falsify patrol --learn --model x.npz", "--model x.npz"),
         ("certify --cameras . --learn", "--learn: applies"),
+        ("certify --cameras . --range 30 --class detect", "give one"),
+        ("coverage patrol --image 640x480", "--image 640x480"),
+        ("coverage patrol --area x.geojson --margin 5", "--margin 5"),
+        ("design --tracks x.csv --class detect", "--class detect"),
         ("worlds --yaml", "--yaml"),
         ("worlds quickstart --schema", "--schema"),
         ("worlds quickstart --yaml --json", "--json"),
@@ -211,6 +215,7 @@ _QUIET = [
     "simulate quickstart --duration 1 --seeds 1 --jobs 1",
     "certify quickstart",
     "certify --cameras DIR_OF_KRTD --tracks people.csv",
+    "coverage --cameras DIR_OF_KRTD --resolution 1",
     "falsify patrol --model-error 0.05 --trials 20",
     "design --tracks people.csv --off-max 20",
     "evaluate --agents static,random --episodes 1 --cycles 5 --jobs 1 --back-end pybullet",

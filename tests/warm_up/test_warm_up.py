@@ -86,5 +86,6 @@ def test_after_it_nothing_is_compiled(tmp_path: Path) -> None:
         ],
         ["certify", "quickstart"],
         ["certify", "mobile_certified", "--learn"],
+        ["coverage", "stationary_certified"],
     ):
         assert _compiled(cache, tmp_path, *words) == [], words
