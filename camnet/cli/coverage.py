@@ -9,6 +9,7 @@ from typing import Any
 from camnet import __version__
 from camnet.cli.arguments import non_negative, numbers
 from camnet.cli.certify import add_pixel_class, image_size, world_of
+from camnet.cli.certify_options import refuse_two_ranges
 from camnet.cli.common import add_common, add_set, positive, say, warn
 from camnet.cli.output import output_folder, print_json, write_json
 
@@ -138,10 +139,7 @@ def _refuse_unused(args: argparse.Namespace) -> None:
             given = value[0] if isinstance(value, list) else value
             where = " and ".join(_INPUTS[k] for k in kinds)
             raise ConfigError(f"{option} {given}: applies to {where}, not to {_INPUTS[kind]}; leave it out")
-    if args.pixel_class is not None and args.range is not None:
-        raise ConfigError(
-            f"--class {args.pixel_class} and --range {args.range:g}: the class says how far cameras see; give one"
-        )
+    refuse_two_ranges(args)
     if args.margin is not None and args.area is not None:
         raise ConfigError(f"--margin {args.margin:g}: is around the default area; leave it out with --area")
 
