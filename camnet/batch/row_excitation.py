@@ -1,7 +1,7 @@
-"""When finite excitation began, for rows of estimators: what `MotionModel` books in ``integral`` and ``visited``.
+"""Since when finite excitation holds, for rows of estimators: what `MotionModel` books in ``integral`` and ``visited``.
 
-Rows keep no Gram matrix (their law needs its inverse alone). Here it is followed from the windows that they hold, only
-until the places visited are known to be excited; nothing of it is in a loop over environments.
+Rows keep no Gram matrix (their law needs its inverse alone). Here it is followed from the windows that they hold;
+nothing of it is in a loop over environments.
 """
 
 from __future__ import annotations
@@ -48,27 +48,26 @@ class RowExcitation:
         # before the window that was offered last
         self._gram, self._touched = np.zeros((p, p)), np.zeros(p, dtype=bool)
         self._held = self._forgotten = 0
-        #: when the stack came to be of full rank (3-19), s
+        #: since when the stack is of full rank (3-19), s
         self.full_s = math.inf
 
     @property
     def visited_s(self) -> float:
-        """When the places visited came to be excited, s."""
+        """Since when the places visited are excited, s."""
         self._forget()
         return self._visited.since_s
 
     def offered(self, t_s: float, row: Array) -> None:
         """Take note that a measured window with regressor ``row`` (p,) over the active kernels was offered."""
-        news = math.isinf(self.visited_s)
-        if news:
-            self._observe(t_s, row)
+        self._forget()
+        self._observe(t_s, row)
         held, whole = int(self._counts[WINDOWS]), int(self._counts[ACTIVE]) == len(self._gram)
-        if whole and math.isinf(self.full_s):
+        if whole or held == self._flags[CAPACITY]:
             self._follow(held)
-            if is_excited(self._gram, self._threshold):
-                self.full_s = t_s
-        elif news and held == self._flags[CAPACITY]:
-            self._follow(held)
+        if not (whole and is_excited(self._gram, self._threshold)):
+            self.full_s = math.inf
+        elif math.isinf(self.full_s):
+            self.full_s = t_s
 
     def _observe(self, t_s: float, row: Array) -> None:
         """Ask whether the window was news to those before it."""

@@ -9,15 +9,14 @@ r"""Constants of the Lyapunov analysis, as published and repaired (harris2020, s
 | eps_bar, etadot_max | ``eps_bar``, ``etadot_max`` | 1/s | (3-2), below (3-20) |
 | sup norm(sigma), W_bar | ``sigma_bar``, ``weight_bound`` | -, 1/s | used by ``sound`` only |
 | lambda_min(Psi) | ``lambda_min_psi`` | s^2 or - | (3-19) |
-| s | ``unexcited_norm`` | - | sup norm((I - P) sigma) at the places visited; 0: the whole stack is excited |
 | c1, c2, c3, beta_1, lambda_D, lambda_DT, lambda_G, c_UB | ``Constants`` | | (3-22) to (3-30) |
 
 The repaired constants rest on these assumptions, which are also listed in ``SOUND_ASSUMPTIONS``: the ideal and the
 estimated weights stay in the Frobenius ball of radius W_bar (the outer radius of the smooth projection), and
 Gamma is a multiple of the identity where the projection is Euclidean.
 
-A target that keeps to roads excites a part P of the weights only. The excited rates then hold for V_P, which counts
-P W_til in place of W_til, with 2 W_bar s added to the residual's speed (docs/theory.md, section 3).
+The continuous law with exact measurements is the textbook case. With ``sampling`` the constants are those of the
+estimator as it runs (``sampled``): noise, leakage, sensing period, unit quaternions.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
+from camnet.certification.sampled import Sampling, one_step
 from camnet.errors import CertificateError
 
 __all__ = [
@@ -32,8 +32,8 @@ __all__ = [
     "Constants",
     "EstimatorBounds",
     "lattice_sigma_bar",
+    "lattice_slope",
     "published",
-    "residue_per_speed",
     "sound",
     "switching_residue",
 ]
@@ -43,14 +43,15 @@ _TANH_RESIDUE = 0.2784645427610738
 _RESIDUE = {"sign": 0.0, "sat": 0.25, "tanh": _TANH_RESIDUE}
 
 SOUND_ASSUMPTIONS: tuple[str, ...] = (
-    "the target's motion is a function of its pose: etadot = W^T sigma + eps, |eps| <= eps_bar, |W|_F <= W_bar",
-    "the projection keeps the estimated weights in |W_hat|_F <= W_bar and does not lengthen the error "
-    "(Gamma a multiple of the identity, convex bounds on the state)",
-    "|sigma| <= sigma_bar everywhere; every window of the history stack is at most Dt long and was measured",
-    "measurements are exact and continuous while the target is seen; camera poses are known",
-    "the switching gain exceeds eps_bar",
-    "excited cases, where only a part of the weights is excited: regressors lie in that part up to s, the stack keeps "
-    "it, and the projection is not at work",
+    "the target's motion is a function of its place: etadot = W^T sigma + eps, |eps| <= eps_bar, and |W|_F is within "
+    "the projection's inner radius (estimator.weight_bound); it turns about one axis",
+    "the projection keeps the estimated weights in |W_hat|_F <= W_bar, its outer radius, and does not lengthen the "
+    "error (Gamma a multiple of the identity)",
+    "|sigma| <= sigma_bar everywhere; every window of the history stack is at most Dt long and was measured in view",
+    "errors of measured poses stay within the stated bounds; while seen, a pose is measured every sensing period; "
+    "camera poses are known",
+    "excited cases: lambda_min of the whole stack is at least the threshold for as long as they are used",
+    "one estimator for each target; nothing but the law moves the weights",
 )
 
 
@@ -72,9 +73,7 @@ class EstimatorBounds:
     weight_bound : radius of the ball that holds the ideal and the estimated weights (Frobenius norm)
     lambda_min_psi : smallest eigenvalue of the history stack once excitation holds
     switching_floor : what the switching term leaves undone, see ``switching_residue``
-    unexcited_norm : s, bound of the basis outside the excited part of the weights; 0 where (3-19) holds in full
-    switching_gain : gain of the switching term, for what it dominates beyond ``eps_bar``; None: just ``eps_bar``
-    floor_per_speed : ``residue_per_speed`` of the switching term, for the part that ``unexcited_norm`` adds
+    sampling : how the estimator is sampled and disturbed (``sound``); None: continuous, with exact measurements
     """
 
     k: float
@@ -90,16 +89,14 @@ class EstimatorBounds:
     weight_bound: float
     lambda_min_psi: float
     switching_floor: float = 0.0
-    unexcited_norm: float = 0.0
-    switching_gain: float | None = None
-    floor_per_speed: float = 0.0
+    sampling: Sampling | None = None
 
     def __post_init__(self) -> None:
         _check_positive(
             self,
             "k kcl gamma_inv_min gamma_inv_max window_s stack_size etadot_max sigma_bar weight_bound lambda_min_psi",
         )
-        for name in ("eps_bar", "switching_floor", "unexcited_norm", "floor_per_speed"):
+        for name in ("eps_bar", "switching_floor"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise CertificateError(f"{name} = {value!r}: a finite number >= 0 is needed")
@@ -110,17 +107,11 @@ class EstimatorBounds:
                 f"gamma_inv_min = {self.gamma_inv_min!r} exceeds gamma_inv_max = {self.gamma_inv_max!r}: "
                 "give the smallest eigenvalue first"
             )
-
-    @property
-    def unexcited_speed(self) -> float:
-        """Bound of |W_til^T (I - P) sigma|, 1/s: what the unexcited weights add to the residual."""
-        return 2.0 * self.weight_bound * self.unexcited_norm
-
-    @property
-    def undominated_speed(self) -> float:
-        """Part of it that the switching term does not dominate, 1/s."""
-        gain = self.eps_bar if self.switching_gain is None else self.switching_gain
-        return max(0.0, self.eps_bar + self.unexcited_speed - gain) if self.unexcited_norm > 0.0 else 0.0
+        if self.sampling is not None and self.gamma_inv_min != self.gamma_inv_max:
+            raise CertificateError(
+                f"gamma_inv_min = {self.gamma_inv_min!r}, gamma_inv_max = {self.gamma_inv_max!r}: the sampled law is "
+                "analysed for Gamma = gamma I, both must be equal"
+            )
 
 
 def _check_positive(bounds: EstimatorBounds, names: str) -> None:
@@ -137,6 +128,10 @@ class Constants:
     Between switches the Lyapunov value obeys V' <= -lambda_d V + lambda_d beta1 (seen, not yet excited),
     V' <= -lambda_dt V + lambda_dt c_ub (seen, excited) and V' <= lambda_g V + c3 (unseen).
     ``growth_offset`` is c3 / lambda_g where the certificate keeps c3 while unseen, and 0 where it drops it.
+
+    Of a sampled estimator these hold at the times of measurements; ``lag_s`` is how much later than the last one the
+    loss of view is noticed, ``reset_rise`` what restarting the pose at a measurement adds to V. While unseen then also
+    V' <= norm(eta_til) ``off_speed`` + ``off_source``. ``refusal`` says why there are no constants.
     """
 
     certificate: str
@@ -153,10 +148,18 @@ class Constants:
     lambda_dt: float
     lambda_g: float
     growth_offset: float
+    lag_s: float = 0.0
+    reset_rise: float = 0.0
+    off_speed: float | None = None
+    off_source: float = 0.0
+    refusal: str = ""
 
-    def as_dict(self) -> dict[str, float | str | bool]:
-        """Return the constants as plain data, for JSON."""
-        return asdict(self)
+    def as_dict(self) -> dict[str, float | str | bool | None]:
+        """Return the constants as plain data, for JSON; what is not finite becomes None."""
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in asdict(self).items()
+        }
 
 
 def published(bounds: EstimatorBounds, *, mobile: bool = False) -> Constants:
@@ -172,13 +175,15 @@ def published(bounds: EstimatorBounds, *, mobile: bool = False) -> Constants:
 
 
 def sound(bounds: EstimatorBounds, *, mobile: bool = False) -> Constants:
-    """Return the repaired constants.
+    """Return the repaired constants; with ``bounds.sampling`` those of the estimator as it runs.
 
     The bounds of the stack use sup |sigma| and the projection radius: |Y_i| <= Dt sigma_bar, |E_i| <= Dt eps_bar
     and |W_til| <= 2 W_bar. The mobile case needs no larger c3: the known part f of the relative kinematics is
     affine in the state with a skew linear part, so that eta_til^T f_til = 0.
     """
     b = bounds
+    if b.sampling is not None:
+        return _sampled(b, b.sampling, mobile)
     stack = b.alpha * b.window_s**2 + 1.0 - b.alpha
     c1 = 2.0 * b.kcl * b.stack_size * b.weight_bound * b.sigma_bar * b.eps_bar * stack  # (3-22) repaired
     c2 = 2.0 * b.gamma_inv_max * b.weight_bound**2  # below (3-20), |W_til| <= 2 W_bar
@@ -193,8 +198,7 @@ def _assemble(
     gamma1 = min(1.0, b.gamma_inv_min)  # below (3-20)
     gamma2 = max(1.0, b.gamma_inv_max)
     lambda_cl = b.kcl * b.lambda_min_psi  # below (3-25)
-    c1_excited, k_excited = _excited_part(b, c1) if keep_c3 else (c1, b.k)
-    slowest = min(k_excited, lambda_cl)
+    slowest = min(b.k, lambda_cl)
     lambda_g = 1.0 / gamma1  # (3-30)
     return Constants(
         certificate=certificate,
@@ -205,7 +209,7 @@ def _assemble(
         c2=c2,
         c3=c3,
         beta1=c1 / (2.0 * b.k) + c2,  # (3-24)
-        c_ub=c1_excited * gamma2 / (2.0 * slowest),  # (3-27)
+        c_ub=c1 * gamma2 / (2.0 * slowest),  # (3-27)
         lambda_d=2.0 * b.k,  # (3-24)
         lambda_cl=lambda_cl,
         lambda_dt=2.0 * slowest / gamma2,  # (3-26)
@@ -214,16 +218,49 @@ def _assemble(
     )
 
 
-def _excited_part(b: EstimatorBounds, c1: float) -> tuple[float, float]:
-    """Return c1 and k of the excited case where the unexcited weights act as a disturbance.
+def _sampled(b: EstimatorBounds, sampling: Sampling, mobile: bool) -> Constants:
+    """Write the sampled law's contraction per step as rates and floors; ``c1`` is the rest per second."""
+    step = one_step(
+        sampling,
+        k=b.k,
+        kcl=b.kcl,
+        gamma=1.0 / b.gamma_inv_max,
+        alpha=b.alpha,
+        window_s=b.window_s,
+        stack_size=b.stack_size,
+        eps_bar=b.eps_bar,
+        sigma_bar=b.sigma_bar,
+        weight_bound=b.weight_bound,
+        excitation=b.lambda_min_psi,
+    )
+    t, c2 = sampling.period_s, 2.0 * b.gamma_inv_max * b.weight_bound**2
+    gamma1 = min(1.0, b.gamma_inv_min)
+    c3 = 0.5 * step.speed**2 + step.off  # (3-28): 2 W_bar sigma_bar + eps_bar is enough
+    return Constants(
+        certificate="sound",
+        mobile=mobile,
+        gamma1=gamma1,
+        gamma2=max(1.0, b.gamma_inv_max),
+        c1=step.rest / t,
+        c2=c2,
+        c3=c3,
+        beta1=c2 + _floor(step.rest, step.a),
+        c_ub=_floor(step.rest_excited, step.a_excited),
+        lambda_d=math.log1p(step.a) / t,
+        lambda_cl=b.kcl * b.lambda_min_psi,
+        lambda_dt=math.log1p(step.a_excited) / t,
+        lambda_g=1.0 / gamma1,
+        growth_offset=c3 * gamma1,
+        lag_s=t,
+        reset_rise=step.reset_rise,
+        off_speed=step.speed,
+        off_source=step.off,
+        refusal=step.refusal,
+    )
 
-    With d = eps_bar + 2 W_bar s - K > 0 left by the switching term, d |eta_til| <= k/2 |eta_til|^2 + d^2 / (2 k).
-    """
-    more = b.floor_per_speed * b.unexcited_speed
-    left = b.undominated_speed
-    if left == 0.0:
-        return c1 + more, b.k
-    return c1 + more + left**2 / (2.0 * b.k), 0.5 * b.k
+
+def _floor(rest: float, a: float) -> float:
+    return rest / a if a > 0.0 else math.inf
 
 
 def switching_residue(
@@ -253,12 +290,7 @@ def switching_residue(
         raise CertificateError(
             f"switching gain = {switching_gain!r} does not exceed eps_bar = {eps_bar!r}, as (3-22) requires"
         )
-    return residue_per_speed(kind, boundary_layer, states) * eps_bar
-
-
-def residue_per_speed(kind: str, boundary_layer: float, states: int = 7) -> float:
-    """Return what a softened switching term leaves of eta_til^T d for each unit of |d|, m."""
-    return _RESIDUE[kind] * boundary_layer * math.sqrt(states)
+    return _RESIDUE[kind] * boundary_layer * math.sqrt(states) * eps_bar
 
 
 def lattice_sigma_bar(spacing_m: float, width_m: float, dimensions: int = 2) -> float:
@@ -272,3 +304,12 @@ def lattice_sigma_bar(spacing_m: float, width_m: float, dimensions: int = 2) -> 
     terms = math.ceil(7.0 * width_m / spacing_m) + 1  # exp(-49) is below rounding
     line = 1.0 + 2.0 * math.fsum(math.exp(-((n * spacing_m / width_m) ** 2)) for n in range(1, terms + 1))
     return math.pow(line, dimensions / 2.0)
+
+
+def lattice_slope(spacing_m: float, width_m: float) -> float:
+    """Bound the Lipschitz constant of sigma on an infinite square lattice in the plane, 1/m.
+
+    |D sigma v|^2 <= sum (|u_k|/w)^2 exp(-|u_k|^2/w^2) / w^2 with (a^2) exp(-a^2) <= (2/e) exp(-a^2/2): a lattice sum
+    of kernels that are sqrt(2) as wide.
+    """
+    return math.sqrt(2.0 / math.e) * lattice_sigma_bar(spacing_m, math.sqrt(2.0) * width_m) / width_m

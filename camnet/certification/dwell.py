@@ -85,8 +85,8 @@ class DwellBounds:
         """Upper bound of the Lyapunov value when feedback returns."""
         c = self.constants
         if c.certificate == "sound" and not self.shared_model:
-            return self.v_hi + c.c2
-        return self.v_hi
+            return self.v_hi + c.reset_rise + c.c2
+        return self.v_hi + c.reset_rise
 
     def off_max(self, on_s: float, excited_s: float, *, d: bool, h: bool) -> DwellTime:
         """Return the longest time that the target may stay unseen after an interval in view.
@@ -112,12 +112,17 @@ class DwellBounds:
     def error_bound_m(self, exit_level: float, off_s: float) -> float:
         """Return the bound of the position error ``off_s`` after the target was lost, sqrt(2 V), m."""
         c = self.constants
-        grown = (exit_level + c.growth_offset) * math.exp(min(c.lambda_g * off_s, 700.0))
-        return math.sqrt(2.0 * max(grown - c.growth_offset, 0.0))
+        off_s = off_s + c.lag_s
+        grown = (exit_level + c.growth_offset) * math.exp(min(c.lambda_g * off_s, 700.0)) - c.growth_offset
+        if c.off_speed is not None:
+            driven = 0.5 * (math.sqrt(2.0 * exit_level) + c.off_speed * off_s) ** 2 + c.off_source * off_s
+            grown = min(grown, driven)
+        return math.sqrt(2.0 * max(grown, 0.0))
 
     def _at_exit(self, on_s: float, excited_s: float, *, d: bool, h: bool) -> float:
         """Return the bound of V when feedback is lost, (4-33); ``sound`` may use the first case at any time."""
         c = self.constants
+        on_s, excited_s = max(0.0, on_s - c.lag_s), max(0.0, excited_s - c.lag_s)
         unexcited = self.v_on * math.exp(-c.lambda_d * on_s) + c.beta1  # nu_1
         if not d:
             return unexcited
@@ -135,6 +140,8 @@ class DwellBounds:
     def _ratio(self, v_exit: float, equation: str) -> DwellTime:
         """Solve (v_exit + offset) exp(lambda_G Dt) - offset <= v_hi for Dt; the offset is c3/lambda_G or 0."""
         c = self.constants
+        if c.refusal:
+            return DwellTime(None, equation, c.refusal)
         if v_exit >= self.v_hi:
             return DwellTime(
                 None,
@@ -143,7 +150,21 @@ class DwellBounds:
                 f"V_hi = {self.v_hi:.4g}",
             )
         rise = (self.v_hi - v_exit) / (v_exit + c.growth_offset)
-        return DwellTime(math.log1p(rise) / c.lambda_g, equation)
+        seconds = max(math.log1p(rise) / c.lambda_g, self._driven_time(v_exit)) - c.lag_s
+        if seconds <= 0.0:
+            return DwellTime(
+                None, equation, f"the error passes V_hi within one sensing period of {c.lag_s:.4g} s"
+            )
+        return DwellTime(seconds, equation)
+
+    def _driven_time(self, v_exit: float) -> float:
+        """Solve (sqrt(2 v_exit) + g Dt)^2 / 2 + c Dt = v_hi: V' <= norm(eta_til) g + c while unseen."""
+        c = self.constants
+        if c.off_speed is None or c.off_speed <= 0.0:
+            return 0.0
+        linear = c.off_speed * math.sqrt(2.0 * v_exit) + c.off_source
+        room = self.v_hi - v_exit
+        return 2.0 * room / (linear + math.sqrt(linear**2 + 2.0 * c.off_speed**2 * room))
 
     def on_min(self, *, h: bool) -> DwellTime:
         """Return the shortest time in view after which V <= V_lo; ``h``: excitation held in an earlier visit.
@@ -163,10 +184,12 @@ class DwellBounds:
         c = self.constants
         rate, floor, name = (c.lambda_dt, c.c_ub, "c_UB") if h else (c.lambda_d, c.beta1, "beta_1")
         equation = "(4-35)" if c.mobile else ("Remark 3.4" if h else "(3-35)")
+        if c.refusal:
+            return DwellTime(None, equation, c.refusal)
         if self.v_lo <= floor:
             return DwellTime(
                 None,
                 equation,
                 f"the error cannot fall below V_lo = {self.v_lo:.4g}: its floor {name} is {floor:.4g}",
             )
-        return DwellTime(max(0.0, math.log(self.v_on / (self.v_lo - floor)) / rate), equation)
+        return DwellTime(max(0.0, math.log(self.v_on / (self.v_lo - floor)) / rate) + c.lag_s, equation)

@@ -98,19 +98,11 @@ class OpenInterval:
     h: bool
     excited_at_s: float | None = None
     d: bool = False
-    full_h: bool = False
-    full_at_s: float | None = None
     max_error_m: float = 0.0
     limits: tuple[DwellTime, DwellTime] | None = None
     exit_levels: tuple[float, float] = (math.inf, math.inf)
     reported: bool = False
     overdue: bool = False
-
-    def signals(self, certificate: int) -> tuple[bool, bool, float | None]:
-        """Return d, h and T of one certificate."""
-        if certificate == 0:
-            return self.full_at_s is not None, self.full_h, self.full_at_s
-        return self.d, self.h, self.excited_at_s
 
 
 def check(

@@ -14,18 +14,11 @@ __all__ = ["conformal_model_error", "extended_model_error", "lyapunov_model_erro
 
 
 def lyapunov_model_error(
-    constants: Constants,
-    gamma_inv_min: float,
-    sigma_bar: float,
-    eps_bar: float,
-    unexcited_speed: float = 0.0,
+    constants: Constants, gamma_inv_min: float, sigma_bar: float, eps_bar: float
 ) -> float:
-    """Return e_v from the Lyapunov bound after excitation, V <= c_UB in the limit, m/s (deterministic).
-
-    ``unexcited_speed`` is 2 W_bar s where only a part of the weights is excited.
-    """
+    """Return e_v from the Lyapunov bound after excitation, V <= c_UB in the limit, m/s (deterministic)."""
     weight_error = math.sqrt(2.0 * constants.c_ub / gamma_inv_min)
-    return sigma_bar * weight_error + eps_bar + unexcited_speed
+    return sigma_bar * weight_error + eps_bar
 
 
 def extended_model_error(

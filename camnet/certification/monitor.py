@@ -7,10 +7,10 @@
 | sigma^h | ``h`` | it held in an earlier visit, Theorem 4.1 |
 | T_j | ``excited_at_s`` | Assumption 4.7 |
 
-``published`` asks for a history stack of full rank, ``sound`` for the part of it that the target's places excite; each
-has its own d and h. A violation of ``sound`` is an error and logged as one the moment it happens: the condition of the
-certificate was met and the error exceeded its level all the same (``broken``), or the target stayed out of view for
-longer than the designer's certificate of the network allows (``overdue``).
+Excitation may end as well as begin, with a change of the stack: d is of the present, and h falls with it, for the
+excited cases hold only while the stack is of full rank. A violation of ``sound`` is an error and logged as one the
+moment it happens: the condition of the certificate was met and the error exceeded its level all the same (``broken``),
+or the target stayed out of view for longer than the designer's certificate of the network allows (``overdue``).
 """
 
 from __future__ import annotations
@@ -64,7 +64,6 @@ class DwellMonitor:
     overdue: int = 0
     _open: OpenInterval | None = None
     _held: list[bool] = field(default_factory=list)
-    _held_fully: list[bool] = field(default_factory=list)
     _armed: list[bool] = field(default_factory=lambda: [True, True])
     _last_s: float = -math.inf
 
@@ -72,7 +71,6 @@ class DwellMonitor:
         if self.n_regions < 1:
             raise CertificateError(f"n_regions = {self.n_regions!r}: at least one region is needed")
         self._held = [False] * self.n_regions
-        self._held_fully = [False] * self.n_regions
 
     def update(
         self,
@@ -81,7 +79,6 @@ class DwellMonitor:
         seen: bool,
         excited: bool,
         error_m: float = 0.0,
-        fully: bool | None = None,
     ) -> None:
         """Take one sensing step.
 
@@ -90,9 +87,8 @@ class DwellMonitor:
         t_s : time, s, not decreasing
         region : region whose camera sees the target (or in which it is); -1 outside all regions
         seen : whether feedback is available
-        excited : whether finite excitation holds at the places visited, in the history stack of ``region``
+        excited : whether finite excitation holds now in the history stack of ``region``
         error_m : position error of the estimate where the truth is known, m
-        fully : whether that stack is of full rank; None: the same as ``excited``
         """
         self._last_s = t_s
         if seen and region < 0:
@@ -105,20 +101,19 @@ class DwellMonitor:
         elif current.seen != seen or (seen and current.region != region):
             current = self._switch(current, t_s, region, seen)
         if seen:
-            self._excite(current, t_s, region, excited, excited if fully is None else fully)
+            self._excite(current, t_s, region, excited)
         if error_m > current.max_error_m:
             current.max_error_m = error_m
         if not current.seen:
             self._watch(current, t_s)
 
-    def _excite(self, current: OpenInterval, t_s: float, region: int, excited: bool, fully: bool) -> None:
+    def _excite(self, current: OpenInterval, t_s: float, region: int, excited: bool) -> None:
         if excited and not current.d:
             current.d = True
             current.excited_at_s = t_s
-            self._held[region] = True
-        if fully and current.full_at_s is None:
-            current.full_at_s = t_s
-            self._held_fully[region] = True
+        elif not excited:
+            current.d, current.h, current.excited_at_s = False, False, None
+        self._held[region] = excited
 
     def _watch(self, current: OpenInterval, t_s: float) -> None:
         """Report violations of ``sound`` in a gap when they happen, each once a gap."""
@@ -174,7 +169,7 @@ class DwellMonitor:
 
     @property
     def excited(self) -> bool:
-        """Whether the target is in view and excitation of the visited places has been reported in this visit."""
+        """Whether the target is in view and excitation holds."""
         return self._open is not None and self._open.seen and self._open.d
 
     def visit_start_s(self, region: int) -> float | None:
@@ -212,7 +207,7 @@ class DwellMonitor:
         return next(found, None)
 
     def _begin_on(self, t_s: float, region: int) -> OpenInterval:
-        self._open = OpenInterval(True, region, t_s, h=self._held[region], full_h=self._held_fully[region])
+        self._open = OpenInterval(True, region, t_s, h=self._held[region])
         return self._open
 
     def _switch(self, current: OpenInterval, t_s: float, region: int, seen: bool) -> OpenInterval:
@@ -227,13 +222,11 @@ class DwellMonitor:
             h=current.h,
             d=current.d,
             excited_at_s=current.excited_at_s,
-            full_h=current.full_h,
-            full_at_s=current.full_at_s,
         )
         on_s = t_s - current.start_s
         limits, levels = [], []
-        for j, bounds in enumerate((self.published, self.sound)):
-            d, h, at_s = current.signals(j)
+        for bounds in (self.published, self.sound):
+            d, h, at_s = current.d, current.h, current.excited_at_s
             excited_s = 0.0 if at_s is None else t_s - at_s
             limits.append(bounds.off_max(on_s, excited_s, d=d, h=h and d))
             levels.append(bounds.exit_level(on_s, excited_s, d=d, h=h and d))
@@ -244,7 +237,7 @@ class DwellMonitor:
     def _finish(self, current: OpenInterval, t_s: float, *, complete: bool) -> None:
         limits = current.limits
         if current.seen or limits is None:
-            limits = (self.published.on_min(h=current.full_h), self.sound.on_min(h=current.h))
+            limits = (self.published.on_min(h=current.h), self.sound.on_min(h=current.h))
         length = t_s - current.start_s
         checks = []
         for j, (limit, bounds) in enumerate(zip(limits, (self.published, self.sound), strict=True)):

@@ -20,11 +20,11 @@ from camnet.certification.constants import (
     EstimatorBounds,
     lattice_sigma_bar,
     published,
-    residue_per_speed,
     sound,
     switching_residue,
 )
 from camnet.certification.dwell import DwellBounds, DwellTime
+from camnet.certification.sampled import Sampling
 from camnet.certification.settings import CertificateSettings
 from camnet.certification.verdict import Theorem31, occlusion_verdict, theorem_31
 from camnet.errors import CertificateError
@@ -138,7 +138,7 @@ def estimator_bounds(
     switching: str = "sign",
     switching_gain: float = math.inf,
     boundary_layer: float = 0.0,
-    unexcited_share: float = 0.0,
+    sampling: Sampling | None = None,
 ) -> EstimatorBounds:
     """Collect the bounds from an estimator's gains and a target's speed limits; ``settings`` has the last word.
 
@@ -149,14 +149,13 @@ def estimator_bounds(
     weight_bound : outer radius of the projection: its bound plus its boundary layer
     kernel_spacing_m, kernel_width_m : of the basis
     v_max_mps, w_max_radps : bounds of the target's speed
-    switching, switching_gain, boundary_layer : form of the switching term
-    unexcited_share : share of a regressor's norm that may lie outside the excited weights
+    switching, switching_gain, boundary_layer : form of the switching term, for the continuous law
+    sampling : how the estimator is sampled and disturbed; None: the continuous law
     """
-    floor, per_speed = 0.0, 0.0
+    floor = 0.0
     sigma_bar = settings.sigma_bar or lattice_sigma_bar(kernel_spacing_m, kernel_width_m)
-    if switching != "sign":
+    if switching != "sign" and sampling is None:
         floor = switching_residue(switching, switching_gain, boundary_layer, settings.eps_bar)
-        per_speed = residue_per_speed(switching, boundary_layer)
     return EstimatorBounds(
         k=k,
         kcl=kcl,
@@ -171,9 +170,7 @@ def estimator_bounds(
         weight_bound=settings.weight_bound or weight_bound,
         lambda_min_psi=excitation,
         switching_floor=floor,
-        unexcited_norm=unexcited_share * sigma_bar,
-        switching_gain=switching_gain,
-        floor_per_speed=per_speed,
+        sampling=sampling,
     )
 
 
@@ -213,7 +210,7 @@ def dwell_report(
     v_max_mps : bound of the target's speed, m/s
     extent_m : largest distance of a target's feature from its reference point, m
     gaps : gaps between views; Theorem 3.1 is applied to each of them, for stationary networks
-    faults : contradictions between the premises of ``sound``, which is refused then
+    faults : why ``sound`` is refused: premises that contradict each other, settings outside its proof
 
     Returns
     -------
@@ -227,7 +224,7 @@ def dwell_report(
     if faults:
         sound_part |= {
             "verdict": "refused",
-            "reason": "its premises contradict each other: " + "; ".join(faults),
+            "reason": "; ".join(faults),
         }
     return {
         "published": _one_report(certificates.published, verdicts),

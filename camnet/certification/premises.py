@@ -26,6 +26,7 @@ def contradictions(
     pose_rate: float,
     projection_radius: float,
     sigma_attained: float,
+    ideal_radius: float | None = None,
 ) -> tuple[str, ...]:
     """Return the contradictions between the premises of ``sound``, in words; empty where there are none.
 
@@ -36,15 +37,18 @@ def contradictions(
     pose_rate : bound of the norm of the pose's rate that the class allows, 1/s
     projection_radius : outer radius of the estimator's projection of the weights
     sigma_attained : largest norm of the basis that is known to occur
+    ideal_radius : bound of the ideal weights where it is smaller than that of the learned ones: the projection keeps
+        its promise for weights inside its inner radius only; None: the same
     """
     out = []
-    fastest = bounds.weight_bound * bounds.sigma_bar + bounds.eps_bar
+    ideal = bounds.weight_bound if ideal_radius is None else min(bounds.weight_bound, ideal_radius)
+    fastest = ideal * bounds.sigma_bar + bounds.eps_bar
     if fastest < max(v_max_mps, pose_rate) * (1.0 - _SLACK):
         what = (
             f"v_max = {v_max_mps:g}" if fastest < v_max_mps else f"the class's pose rate {pose_rate:.4g} 1/s"
         )
         out.append(
-            f"W_bar sigma_bar + eps_bar = {bounds.weight_bound:g} x {bounds.sigma_bar:.4g} + {bounds.eps_bar:g} = "
+            f"W_bar sigma_bar + eps_bar = {ideal:g} x {bounds.sigma_bar:.4g} + {bounds.eps_bar:g} = "
             f"{fastest:.4g} < {what}: no weights within the bound move the target that fast"
         )
     if bounds.weight_bound < projection_radius * (1.0 - _SLACK):

@@ -20,7 +20,8 @@ class CertificateSettings(Settings):
     times are concerned, and 0.05 m for the ``learned`` certificate.
     ``off_max_s`` is the longest time out of view that the designer allows; ``None``: for ``sound`` the dwell time, for
     ``learned`` the longest gap that the estimator learns across. ``corridor_m`` is how far beside the path
-    that it learned from a target may be.
+    that it learned from a target may be. ``position_error_m`` and ``orientation_error_rad`` bound the error of a
+    measured pose; ``None``: five standard deviations on every axis where the world states them (level ``pose``).
     """
 
     eps_bar: NonNegative = 0.01
@@ -32,3 +33,5 @@ class CertificateSettings(Settings):
     initial_error_m: NonNegative | None = None
     off_max_s: Positive | None = None
     corridor_m: NonNegative = 0.02
+    position_error_m: NonNegative | None = None
+    orientation_error_rad: NonNegative | None = None

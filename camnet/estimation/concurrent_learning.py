@@ -228,7 +228,7 @@ class MotionModel:
         return self._enter(self.instantaneous.offer(t_s, row, rate, weight), 1.0 - self._settings.alpha)
 
     def _observe(self, t_s: float, row: Array) -> None:
-        if math.isinf(self.visited.since_s) and len(self._order):
+        if len(self._order):
             a, known, pick = self._settings.alpha, row[self._order], np.ix_(self._order, self._order)
             psi = a * self.integral.gram[pick] + (1.0 - a) * self.instantaneous.gram[pick]
             self.visited.observe(t_s, psi, known, float(row @ row - known @ known))
@@ -342,7 +342,7 @@ class MotionModel:
             self.weights = self._stepped(inverse, fade, dt, self._none, self._no_error)
 
     def excited_s(self) -> float:
-        """Time T at which finite excitation (3-19) first held, s (inf before).
+        """Time T since which finite excitation (3-19) holds, s (inf while it does not).
 
         Over all kernels, or over the places visited: see ``excitation`` for what the latter supports.
         """

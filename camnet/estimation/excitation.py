@@ -10,24 +10,16 @@
 
 (3-19) asks for lambda_min(Psi) >= lambda_lo over all p kernels. Kernels that the target never comes near make that
 impossible, and so do kernels beside its road: along a line, a row of kernels across it is one function many times over,
-whatever subset is kept by its activation. What the analysis needs is less. Split the weight error into P W_til and the
-rest. Psi commutes with P, so that with Gamma a multiple of the identity
-
-    V_P = 1/2 eta_til^T eta_til + 1/2 tr(W_til^T P Gamma^-1 P W_til),
-    V_P' <= -k |eta_til|^2 - kCL lambda_lo |P W_til|^2 + |eta_til| (eps_bar + 2 W_bar s) + (stack residual),
-
-where s bounds |(I - P) sigma| at the places visited: the part of W_til outside P enters as a disturbance of the
-motion model, and as nothing else. (3-25) to (3-27) therefore hold for V_P, with eps_bar + 2 W_bar s in place of
-eps_bar, for as long as the target keeps to places where the regressors lie in P. They say nothing of the weights
-elsewhere, nor of the poses predicted elsewhere.
+whatever subset is kept by its activation. What predictions at the places visited need is less: that regressors there
+lie in P. This is a diagnosis, and opens no case of a certificate: P changes with the stack (docs/theory.md, section 3).
 
 Whether regressors lie in P must be asked of windows that are not in the stack yet. An eigenvector with an eigenvalue
 below delta > 0 has delta / (lambda + delta) > 1/2, hence
 
     |(I - P) Y|^2 <= 2 delta Y (Psi + delta I)^-1 Y^T,      delta = lambda_lo.
 
-Excitation is declared once ``RUN`` measured windows in a row were in P to within the share rho before they were
-learned: on a first pass each window is news, on the second it is not.
+Excitation holds while the last ``RUN`` measured windows in a row were in P to within the share rho before they were
+learned: on a first pass each window is news, on the second it is not. A window that is news ends it.
 """
 
 from __future__ import annotations
@@ -59,7 +51,7 @@ def unexcited_share(psi: Array, row: Array, threshold: float, rest: float = 0.0)
 
 
 class VisitedExcitation:
-    """Watches new windows; ``since_s`` is when excitation held first (inf before)."""
+    """Watches new windows; ``since_s`` is since when excitation holds (inf while it does not)."""
 
     def __init__(self, threshold: float, share: float) -> None:
         self._threshold = threshold
@@ -73,9 +65,9 @@ class VisitedExcitation:
 
     def observe(self, t_s: float, psi: Array, row: Array, rest: float = 0.0) -> None:
         """Take note of a measured window that ``psi`` (n, n) does not hold yet; see ``unexcited_share``."""
-        if math.isfinite(self.since_s):
-            return
         known = unexcited_share(psi, row, self._threshold, rest) <= self._square
         self._run = self._run + 1 if known else 0
-        if self._run >= RUN:
+        if not known:
+            self.since_s = math.inf
+        elif self._run >= RUN and math.isinf(self.since_s):
             self.since_s = t_s

@@ -6,7 +6,7 @@
 | Deta_i - F_i | ``increments``: with the unit output in the last column | (N, m) | m, rad, s |
 | sum Y_i^T Y_i | ``gram`` | (p, p) | s^2 |
 | sum Y_i^T (Deta_i - F_i) | ``moment`` | (p, m) | m s, rad s |
-| T | ``excited_s``: first time at which lambda_min >= lambda_lo (3-19) | - | s |
+| T | ``excited_s``: since when lambda_min >= lambda_lo (3-19) holds without a break | - | s |
 
 A window may carry a weight in (0, 1] (inverse variance relative to a measured window): row and increment are stored
 multiplied by its root. Instantaneous data (Y_k = sigma^T, eta'_k of (3-13), (4-20)) fit the same structure.
@@ -133,8 +133,10 @@ class HistoryStack:
         _accumulate(self.gram, self.moment, y, d, 1.0)
 
     def _check_excitation(self, t_s: float) -> None:
-        """(3-19)."""
-        if math.isinf(self.excited_s) and is_excited(self.gram, self._threshold):
+        """(3-19); a change of the stack may end it as well as begin it."""
+        if not is_excited(self.gram, self._threshold):
+            self.excited_s = math.inf
+        elif math.isinf(self.excited_s):
             self.excited_s = t_s
 
     def lambda_min(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 from shapely.geometry import Polygon
@@ -20,6 +22,7 @@ from camnet.certification.premises import contradictions
 from camnet.estimation.concurrent_learning import LAYER_SHARE
 from camnet.geometry.frustum import Frustum
 from camnet.simulation.network import Network
+from camnet.simulation.sound_settings import sampling_of, settings_outside
 
 __all__ = [
     "feature_extent",
@@ -78,25 +81,30 @@ def _bounds(network: Network) -> EstimatorBounds:
         switching=estimator.switching,
         switching_gain=estimator.k2,
         boundary_layer=estimator.boundary_layer,
-        unexcited_share=estimator.stack.excitation_share,
+        sampling=sampling_of(network),
     )
 
 
 def network_certificates(network: Network) -> DwellCertificates:
-    """Both certificates' dwell times for the network's smallest view and fastest target."""
+    """Both certificates' dwell times for the smallest view and the fastest target; ``sound`` has none if refused."""
     estimator, bounds = network.scenario.estimator, _bounds(network)
     radius = min(view_radius(network, j) for j in range(len(network.cameras)))
-    return certify_dwell(
+    pair = certify_dwell(
         bounds,
         radius,
         mobile=network.n_agents > 0,
         v_lo=network.scenario.certificate.v_lo,
         shared_model=estimator.share,
     )
+    faults = premise_faults(network)
+    if not faults:
+        return pair
+    refused = replace(pair.sound.constants, refusal="; ".join(faults))
+    return replace(pair, sound=replace(pair.sound, constants=refused))
 
 
 def premise_faults(network: Network) -> tuple[str, ...]:
-    """Contradictions between the premises of ``sound``, in words; empty where there are none."""
+    """Why ``sound`` is refused, in words: settings outside its proof, premises that contradict each other."""
     v_max = max(t.v_max_mps for t in network.scenario.targets)
     w_max = max(t.w_max_radps for t in network.scenario.targets)
     centres = network.basis.centres
@@ -105,12 +113,13 @@ def premise_faults(network: Network) -> tuple[str, ...]:
     ]  # any of them will do: a lower bound of the largest norm
     delta = some[:, None] - centres
     kernels = np.exp(-0.5 * np.einsum("nki,kij,nkj->nk", delta, network.basis.precision, delta))
-    return contradictions(
+    return settings_outside(network) + contradictions(
         _bounds(network),
         v_max_mps=v_max,
         pose_rate=pose_rate_bound(v_max, w_max),
         projection_radius=_projection_radius(network),
         sigma_attained=float(np.linalg.norm(kernels, axis=1).max(initial=0.0)),
+        ideal_radius=network.scenario.estimator.weight_bound,
     )
 
 

@@ -103,13 +103,9 @@ class RunStatistics:
 
     def _watch(self, simulation: NetworkSimulation, m: int, region: int, seen: bool) -> None:
         """Record the switching signals of target ``m``."""
-        dwell, t_s, held, fully = self.dwell[m], simulation.snapshot.t_s, False, False
-        if seen:
-            since_s = dwell.visit_start_s(region)
-            known = since_s is not None and dwell.excited
-            bound = math.inf if known else simulation.network.scenario.estimator.weight_bound
-            held, fully = _excited(self._learns[m], region, bound, t_s if since_s is None else since_s)
-        dwell.update(t_s, region, seen, held, self._driving[m].latest_m, fully)
+        dwell, t_s = self.dwell[m], simulation.snapshot.t_s
+        excited = seen and _excited(self._learns[m], region)
+        dwell.update(t_s, region, seen, excited, self._driving[m].latest_m)
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
         outside = simulation.agents_outside()
@@ -187,18 +183,10 @@ def _learner(filter_: TargetFilter) -> Learns | None:
     return inner if isinstance(inner, Learns) else None
 
 
-def _excited(learner: Learns | None, camera: int, weight_bound: float, visit_s: float) -> tuple[bool, bool]:
-    """Whether the excited cases of ``sound`` and of ``published`` are open in the region of ``camera``.
+def _excited(learner: Learns | None, camera: int) -> bool:
+    """Whether the excited cases of the certificates are open in the region of ``camera``: a stack of full rank now.
 
-    Assumption 4.7 asks for a stack of full rank. Excitation of the visited places is enough for ``sound``, whose
-    constants count the rest of the weights as a disturbance; the projection must be at rest for that. It counts from
-    the visit after it was found on: within one visit the target may come to places that are still news. An infinite
-    ``weight_bound`` says that the projection was found at rest in this visit already; ``visit_s`` is when it began.
+    Excitation of the visited places alone opens none: no Lyapunov function of a part of the weights survives a change
+    of the stack.
     """
-    if learner is None:
-        return False, False
-    full_s, visited_s = learner.excitation(camera)
-    fully = math.isfinite(full_s)
-    if not (fully or visited_s < visit_s):
-        return False, False
-    return math.isinf(weight_bound) or learner.weight_norm(camera) <= weight_bound, fully
+    return learner is not None and math.isfinite(learner.excitation(camera)[0])

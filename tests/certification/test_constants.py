@@ -49,23 +49,14 @@ def decimal_constants(b: EstimatorBounds, *, mobile: bool, repaired: bool) -> di
         )
         speed = (Decimal(6) if mobile else Decimal(4)) * d["etadot_max"] + d["eps_bar"]
     c2 = d["gamma_inv_max"] * w_til * w_til / two
-    k_excited, c1_excited = d["k"], c1
-    if (
-        repaired and d["unexcited_norm"]
-    ):  # d |eta| <= k/2 |eta|^2 + d^2 / (2 k) for what the switching term leaves
-        speed_p = two * d["weight_bound"] * d["unexcited_norm"]
-        left = max(Decimal(0), d["eps_bar"] + speed_p - d["switching_gain"])
-        c1_excited = c1 + d["floor_per_speed"] * speed_p
-        if left > 0:
-            k_excited, c1_excited = d["k"] / two, c1_excited + left * left / (two * d["k"])
-    slow = min(k_excited, d["kcl"] * d["lambda_min_psi"])
+    slow = min(d["k"], d["kcl"] * d["lambda_min_psi"])
     g1, g2 = min(one, d["gamma_inv_min"]), max(one, d["gamma_inv_max"])
     return {
         "c1": c1,
         "c2": c2,
         "c3": speed * speed / two + c1,
         "beta1": c1 / (two * d["k"]) + c2,
-        "c_ub": c1_excited * g2 / (two * slow),
+        "c_ub": c1 * g2 / (two * slow),
         "lambda_d": two * d["k"],
         "lambda_dt": two * slow / g2,
         "lambda_g": one / g1,
@@ -87,9 +78,6 @@ bounds_strategy = st.builds(
     sigma_bar=st.floats(0.1, 10.0),
     weight_bound=positive,
     lambda_min_psi=st.floats(1e-4, 50.0),
-    unexcited_norm=st.sampled_from([0.0, 0.01, 0.3, 2.0]),
-    switching_gain=st.floats(1.0, 5.0),
-    floor_per_speed=st.sampled_from([0.0, 0.07]),
 )
 
 
@@ -163,64 +151,6 @@ def test_sound_inequalities_hold_for_random_closed_loops():
         assert seen <= -c.lambda_d * (value - c.beta1) + tol  # (3-23)
         assert seen <= -c.lambda_dt * (value - c.c_ub) + tol  # (3-26)
         assert unseen <= c.lambda_g * value + c.c3 + tol  # (3-29)
-
-
-@pytest.mark.parametrize("gain", [0.06, 0.4, 5.0])
-def test_excited_part_of_the_weights_obeys_the_excited_inequality(gain):
-    """Random closed loops whose stack excites a part P only: V_P' and V_P evaluated exactly against the constants."""
-    rng = np.random.default_rng(11)
-    states, p, worst = 7, 6, math.inf
-    for _ in range(400):
-        k, kcl, gamma_inv, lam, eps_bar, w_bar = 2.0, 0.8, float(rng.uniform(0.3, 3.0)), 0.5, 0.05, 0.6
-        s = float(rng.uniform(0.0, 0.4))
-        basis = np.linalg.qr(rng.normal(size=(p, p)))[0]
-        projector = basis[:, :3] @ basis[:, :3].T
-        psi = basis @ np.diag([lam, lam, 2.0, 0.01, 0.0, 0.0]) @ basis.T
-        b = EstimatorBounds(
-            k=k, kcl=kcl, gamma_inv_min=gamma_inv, gamma_inv_max=gamma_inv, alpha=1.0, window_s=0.4, stack_size=1,
-            eps_bar=eps_bar, etadot_max=0.3, sigma_bar=2.0, weight_bound=w_bar, lambda_min_psi=lam,
-            unexcited_norm=s, switching_gain=gain,
-        )  # fmt: skip
-        w = rng.normal(size=(p, states))
-        w *= w_bar / np.linalg.norm(w)
-        w_til = 2.0 * w  # W_hat = -W
-        eta = rng.normal(size=states)
-        eta *= rng.uniform(0.0, 1.0) / np.linalg.norm(eta)
-        if rng.random() < 0.5:  # the worst error: along the disturbance, on one axis
-            eta = np.eye(states)[0] * rng.uniform(0.0, 0.5)
-            w_til = 2.0 * w_bar * np.outer(basis[:, 4], np.eye(states)[0])
-        outside = (np.eye(p) - projector) @ (basis[:, 4] if rng.random() < 0.5 else rng.normal(size=p))
-        sigma = projector @ rng.normal(size=p) + s * outside / np.linalg.norm(outside)
-        eps = eps_bar * eta / max(np.linalg.norm(eta), 1e-12)
-        residual = (
-            b.window_s**2 * b.sigma_bar * eps_bar * rng.normal(size=(p, states)) / np.sqrt(p * states) / 3.0
-        )
-        drift = w_til.T @ sigma + eps - k * eta - gain * np.sign(eta)
-        # unprojected law: W_til' = -Gamma (sigma eta^T + kCL (Psi W_til + residual)); the state error is exact
-        rate = -(np.outer(sigma, eta) + kcl * (psi @ w_til + residual)) / gamma_inv
-        slope = eta @ drift + gamma_inv * np.sum((projector @ w_til) * (projector @ rate))
-        value = 0.5 * eta @ eta + 0.5 * gamma_inv * np.sum((projector @ w_til) ** 2)
-        c = sound(b)
-        room = -c.lambda_dt * (value - c.c_ub) - slope
-        worst = min(worst, room)
-        assert room >= -1e-12
-    assert worst < 1.0  # it is not met by a mile
-
-
-def test_without_the_remainder_the_excited_rate_would_be_wrong():
-    """An error along what the unexcited weights drive: V_P grows while the constants without s say that it falls."""
-    b = EstimatorBounds(
-        k=2, kcl=1, gamma_inv_min=1, gamma_inv_max=1, alpha=1, window_s=0.4, stack_size=1, eps_bar=0.0,
-        etadot_max=0.3, sigma_bar=2.0, weight_bound=0.5, lambda_min_psi=5.0,
-    )  # fmt: skip
-    s, eta = 0.5, 0.1  # |W_til^T (I - P) sigma| = 2 W_bar s = 0.5
-    slope, value = eta * (2 * b.weight_bound * s) - b.k * eta**2, 0.5 * eta**2
-    assert slope > 0
-    ignored = sound(b)
-    assert slope > -ignored.lambda_dt * (value - ignored.c_ub)
-    kept = sound(EstimatorBounds(**{n: getattr(b, n) for n in b.__slots__} | {"unexcited_norm": s}))
-    assert slope <= -kept.lambda_dt * (value - kept.c_ub)
-    assert (2 * b.weight_bound * s) ** 2 / (2 * b.k) == pytest.approx(kept.c_ub * kept.lambda_dt, rel=1e-12)
 
 
 def test_published_stack_bound_fails_for_overlapping_kernels():

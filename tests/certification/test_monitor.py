@@ -119,15 +119,18 @@ def test_margin_is_what_the_comparison_system_leaves_of_the_radius():
     assert m.certificate(6.05) == GapCertificate(True, None, None, 0)
 
 
-def test_published_needs_the_full_rank_and_sound_the_visited_part():
+def test_excitation_that_ends_closes_the_excited_cases():
     m = monitor()
     for t in np.arange(0, 6, 0.05):
-        m.update(float(t), 0, True, True, 0.0, fully=False)
+        m.update(float(t), 0, True, t < 5.0)
     m.update(6.0, -1, False, False)
-    m.update(6.05, 1, True, False)
+    m.update(6.05, 0, True, True)
+    m.update(6.10, -1, False, False)
     off = m.intervals[1]
-    assert off.published.limit_s == PAIR.published.off_max(6.0, 0.0, d=False, h=False).seconds
-    assert off.sound.limit_s == PAIR.sound.off_max(6.0, 6.0, d=True, h=False).seconds
+    for check, bounds in ((off.published, PAIR.published), (off.sound, PAIR.sound)):
+        assert check.limit_s == bounds.off_max(6.0, 0.0, d=False, h=False).seconds
+    assert (off.d, off.h) == (False, False)
+    assert not m.intervals[2].h  # the earlier visit ended without it
 
 
 def test_stated_dwell_time_is_watched(caplog):

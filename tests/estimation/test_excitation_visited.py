@@ -14,6 +14,7 @@ from camnet.estimation.concurrent_learning import MotionModel
 from camnet.estimation.excitation import RUN, VisitedExcitation, unexcited_share
 from camnet.estimation.placement import grid_centres
 from camnet.estimation.settings import EstimatorSettings
+from camnet.estimation.stack import HistoryStack
 
 LATTICE = RbfBasis.create(grid_centres(np.array([-1.0, -1.0]), np.array([5.0, 1.0]), 0.5), 0.25)
 Q0 = np.array([1.0, 0.0, 0.0, 0.0])
@@ -88,3 +89,39 @@ def test_error_in_the_excited_part_decays_at_the_rate_of_the_analysis() -> None:
         assert (
             np.linalg.norm(sigma @ (w - model.weights)) <= np.linalg.norm(sigma) * norms[-1] + 2 * scale * s
         )
+
+
+def test_windows_outside_end_what_held() -> None:
+    """It used to last for ever: 50 windows outside P changed nothing."""
+    watch = VisitedExcitation(1e-2, 0.1)
+    psi, known, news = np.diag([1e4, 0.0]), np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    for k in range(RUN):
+        watch.observe(float(k), psi, known)
+    assert watch.since_s == RUN - 1
+    for k in range(50):
+        watch.observe(100.0 + k, psi, news)
+        assert math.isinf(watch.since_s)
+    for k in range(RUN):
+        watch.observe(200.0 + k, psi, known)
+    assert watch.since_s == 200.0 + RUN - 1
+
+
+def test_a_stack_that_loses_its_rank_is_no_longer_excited() -> None:
+    class Oldest:
+        """Replaces the first entry, whatever it holds."""
+
+        name = "oldest"
+
+        def added(self, *_: object) -> None: ...
+
+        replaced = rebuilt = added
+
+        def choose(self, *_: object) -> int:
+            return 0
+
+    stack = HistoryStack(2, 2, 1, Oldest(), 1.0)
+    stack.offer(0.0, np.array([2.0, 0.0]), np.zeros(1))
+    stack.offer(1.0, np.array([0.0, 2.0]), np.zeros(1))
+    assert stack.excited_s == 1.0
+    stack.offer(2.0, np.array([0.0, 3.0]), np.zeros(1))
+    assert math.isinf(stack.excited_s)
