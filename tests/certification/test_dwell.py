@@ -14,6 +14,8 @@ from camnet.certification.average_dwell import average_dwell
 from camnet.certification.bell_dwell import (
     MovingTargetConstants,
     landmark_off_max,
+    landmark_off_max_learned,
+    landmark_off_max_sound,
     landmark_on_min_first,
     landmark_on_min_later,
     moving_target_initial_max,
@@ -240,3 +242,97 @@ def test_bell_moving_target_against_integration():
     assert integrate(c.c5, c.c2, exit_level, off) == pytest.approx(0.5 * e * e, rel=1e-9)
     assert not moving_target_off_max(c, 0.0, e).possible
     assert not moving_target_initial_max(c, 1.0, e).possible
+
+
+BELL = {
+    landmark_on_min_first: {"lambda_a": 0.3, "kx_min": 30.0, "d_max_m": 5.0, "error_lo_m": 0.01},
+    landmark_on_min_later: {"lambda_a": 0.3, "kx_min": 30.0, "error_lo_m": 0.01, "error_hi_m": 0.1},
+    landmark_off_max: {"error_lo_m": 0.01, "error_hi_m": 0.41, "camera_speed_mps": 0.5},
+    landmark_off_max_sound: {
+        "error_lo_m": 0.01, "error_hi_m": 0.41, "speed_error_mps": 0.01, "rate_error_radps": 0.002, "d_max_m": 5.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -1.0, 0.0])
+@pytest.mark.parametrize(("form", "name"), [(form, name) for form, values in BELL.items() for name in values])
+def test_bell_landmark_refuses_what_is_no_positive_number(form, name, value):
+    if value == 0.0 and name.endswith(("_error_mps", "_error_radps")):
+        assert form(**{**BELL[form], name: value}).possible
+        return
+    with pytest.raises(CertificateError, match=f"{name} = "):
+        form(**{**BELL[form], name: value})
+
+
+def test_bell_refuses_impossible_numbers():
+    with pytest.raises(CertificateError, match=r"lambda_a = 1\.5"):
+        landmark_on_min_first(1.5, 30.0, 5.0, 0.01)
+    with pytest.raises(CertificateError, match="one must be > 0"):
+        landmark_off_max_sound(0.01, 0.4, 0.0, 0.0, 5.0)
+    assert not landmark_on_min_later(0.3, 30.0, 0.1, 0.1).possible
+    values = {
+        "camera_rate_radps": 0.2, "weight_bound": 0.3, "sigma_bar": 1.5, "sigma_eta": 0.8, "sigma_nu": 0.5,
+        "nu_bar": 0.5, "phi_q": 1.0, "eps_bar": 0.02, "gamma_inv_min": 1.0, "gamma_inv_max": 1.0, "k_eta_min": 4.0,
+        "k_nu_min": 6.0, "k_w_min": 1.0, "k_w_max": 1.0, "stack_lambda": 2.0, "stack_norm": 9.0, "stack_size": 10,
+        "window_s": 0.1,
+    }  # fmt: skip
+    constants = MovingTargetConstants.from_bounds(**values)
+    for name in values:
+        for value in (math.nan, -1.0):
+            with pytest.raises(CertificateError, match=f"{name} = "):
+                MovingTargetConstants.from_bounds(**{**values, name: value})
+    with pytest.raises(CertificateError, match="v0 = nan"):
+        moving_target_initial_max(constants, math.nan, 1.0)
+    with pytest.raises(CertificateError, match="on_s = -1"):
+        moving_target_off_max(constants, -1.0, 1.0)
+
+
+def test_bell_sound_time_out_of_view_holds_against_hostile_velocities():
+    """Predictor and truth integrated with velocity errors at their bounds, chosen to do most harm."""
+    lo, hi, dv, dw, d_max = 0.02, 0.2, 0.02, 0.005, 4.0
+    seconds = landmark_off_max_sound(lo, hi, dv, dw, d_max).seconds
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for _ in range(40):
+        v, w = 0.4 * rng.normal(size=3), 0.3 * rng.normal(size=3)
+        start = rng.normal(size=(2, 3))
+        start *= (rng.uniform(0.5, 2.0, 2) / np.linalg.norm(start, axis=1))[:, None]
+        # the distances err by lo in all, the directions are right when the view is lost
+        shares = rng.normal(size=2)
+        off = lo * shares / np.linalg.norm(shares)
+        guess = start * (1.0 + off / np.linalg.norm(start, axis=1))[:, None]
+        p, q = start.copy(), guess.copy()
+        dt, largest = seconds / 400, 0.0
+        for _ in range(400):
+            e = (q - p)[int(np.argmax(np.linalg.norm(q - p, axis=1)))]
+            e = e / np.linalg.norm(e)
+            turn = np.cross(q[0], e)
+            bad_w = w - dw * turn / max(np.linalg.norm(turn), 1e-12)
+            q = q + dt * (-(v - dv * e) - np.cross(bad_w, q))
+            p = p + dt * (-v - np.cross(w, p))
+            largest = max(largest, np.linalg.norm(q, axis=1).max())
+            if largest > d_max:
+                break
+            error = np.linalg.norm(np.linalg.norm(q, axis=1) - np.linalg.norm(p, axis=1))
+            worst = max(worst, error)
+            assert error <= hi
+    assert worst > 0.3 * hi
+
+
+def test_bell_learned_time_out_of_view():
+    rng = np.random.default_rng(1)
+    held = 0
+    for _ in range(200):
+        growths = np.abs(rng.normal(0.0, 0.01, 60))
+        seconds = landmark_off_max_learned(0.01, 0.11, growths.tolist()).seconds
+        # share of new cases that stay below the upper threshold
+        held += math.erf(0.1 / seconds / 0.01 / math.sqrt(2.0)) >= 0.95
+    assert held / 200 >= 0.92
+    few = landmark_off_max_learned(0.01, 0.11, [0.01] * 58)
+    assert not few.possible
+    assert "59 are needed" in few.reason
+    assert not landmark_off_max_learned(0.01, 0.11, [-0.01] * 60).possible
+    with pytest.raises(CertificateError, match="share = 1"):
+        landmark_off_max_learned(0.01, 0.11, [0.01] * 60, share=1.0)
+    with pytest.raises(CertificateError, match="holds nan"):
+        landmark_off_max_learned(0.01, 0.11, [math.nan] * 60)
