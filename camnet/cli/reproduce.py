@@ -73,6 +73,11 @@ EXPERIMENTS = {
         "a camera's position over 250 m, a landmark once a loop (bell2019, ch. 4)",
         5,
     ),
+    "moving-target": Experiment(
+        "camnet.experiments.moving_target",
+        "a target of unknown size that moves, seen now and then (bell2019, ch. 5)",
+        6,
+    ),
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
         "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",

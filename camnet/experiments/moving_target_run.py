@@ -20,6 +20,7 @@ from camnet.geometry.rotations import conjugate, from_matrix, log, multiply, rot
 from camnet.types import Array
 
 __all__ = [
+    "TO_SCENE",
     "Learned",
     "SceneTracks",
     "heading_error",
@@ -31,7 +32,7 @@ __all__ = [
 ]
 
 #: camera axes of the first frame to scene axes
-_TO_SCENE = forward_camera(0.0)
+TO_SCENE = forward_camera(0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -90,8 +91,8 @@ def scale_errors(scene: MovingScene, learned: Learned) -> tuple[float, float]:
 def scene_tracks(scene: MovingScene, learned: Learned) -> SceneTracks:
     """Pose of the camera from the corners and of the target from its features, at every image."""
     middle = learned.features.mean(axis=0)
-    body = rotate(_TO_SCENE, learned.features - middle)
-    camera = track_poses(scene.t_s, scene.xy_corners, rotate(_TO_SCENE, learned.corners), scene.noise)
+    body = rotate(TO_SCENE, learned.features - middle)
+    camera = track_poses(scene.t_s, scene.xy_corners, rotate(TO_SCENE, learned.corners), scene.noise)
     target = track_poses(scene.t_s, scene.xy_target, body, scene.noise)
     back = conjugate(camera.q)
     p_camera = -rotate(back, camera.p)
@@ -108,7 +109,7 @@ def scene_truth(scene: MovingScene) -> tuple[Array, Array, Array]:
     All in scene axes; the position is that of the mean of the features.
     """
     truth = scene.path.states(scene.t_s)
-    first = multiply(_TO_SCENE, conjugate(truth.q_world[0]))
+    first = multiply(TO_SCENE, conjugate(truth.q_world[0]))
     middle = scene.arms.mean(axis=0)
     r = scene.target.r_world
     p = scene.target.p_world + r @ middle

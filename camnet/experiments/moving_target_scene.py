@@ -7,7 +7,7 @@
 | its way | 15 s at rest, 3 to 5 m away; then a wobbly circle of 2 m at 0.17 to 0.33 m/s | the same lap after lap |
 | camera's way | 15 s with 2.1 m of baseline, then small moves about 5 m from the circle's centre | range 2.5 to 7.5 m |
 | background | 40 corners, 6 to 11 m away | they give the camera's pose, as chapter 4 would |
-| odometry | noise 0.02 m/s, 0.005 rad/s a sample at 50 Hz; scale 0 or SD 1 % | |
+| odometry | noise 0.02 m/s, 0.005 rad/s a sample at 50 Hz; scale SD 1 % | the scale at rest also without |
 | out of view | seen U(15, 30) s, unseen U(10, 20) s | as published for parikh2018's first experiment |
 
 ``ways``: ``same`` every lap, ``speed`` multiplied by U(0.8, 1.2) each lap, or ``branch``: each lap the outer circle or,
@@ -17,11 +17,13 @@ with equal chance, a way that leaves it inwards by up to 0.9 m.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from camnet.estimation.structure.camera_path import CameraPath, planar_path
+from camnet.estimation.structure.moving.replay import ReplaySettings
 from camnet.estimation.structure.moving.twist_filter import TwistFilterSettings
 from camnet.estimation.structure.odometry import Odometry, OdometrySpread, measure_odometry
 from camnet.geometry.pinhole import Pinhole
@@ -38,7 +40,7 @@ _HEIGHT_M = 1.0
 
 
 class MovingSetUp(Settings):
-    """The table above."""
+    """The table above; ``scale_seeds`` runs of the scale alone, at rest and never at rest."""
 
     camera: Intrinsics = Intrinsics(
         width_px=1600, height_px=1200, fx_px=1000.0, fy_px=1000.0, cx_px=800.0, cy_px=600.0
@@ -47,8 +49,8 @@ class MovingSetUp(Settings):
     odometry_hz: Positive = 50.0
     rest_s: Positive = 15.0
     duration_s: Positive = 420.0
-    features: int = 12
-    corners: int = 40
+    features: Annotated[int, Field(ge=6, le=1000)] = 12
+    corners: Annotated[int, Field(ge=6, le=1000)] = 40
     radius_m: Positive = 2.0
     range_m: Positive = 5.0
     baseline_m: Positive = 2.1
@@ -57,11 +59,14 @@ class MovingSetUp(Settings):
     branch_m: Positive = 0.9
     seen_s: Vector2 = (15.0, 30.0)
     unseen_s: Vector2 = (10.0, 20.0)
-    rest_images: int = 46
+    rest_images: Annotated[int, Field(ge=2, le=1000)] = 46
     odometry: OdometrySpread = OdometrySpread(
-        scale_sd=0.0, slip_sd=0.0, speed_noise_mps=0.02, gyro_noise_radps=0.005
+        scale_sd=0.01, slip_sd=0.0, speed_noise_mps=0.02, gyro_noise_radps=0.005
     )
+    noises_px: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 1.0)
+    scale_seeds: Annotated[int, Field(ge=1, le=10_000)] = 20
     filter: TwistFilterSettings = TwistFilterSettings()
+    replay: ReplaySettings = ReplaySettings()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -115,11 +120,16 @@ class MovingScene:
 
 
 def make_moving_scene(
-    setup: MovingSetUp, noise_px: float, way: Way, rng: np.random.Generator, rests: bool = True
+    setup: MovingSetUp,
+    noise_px: float,
+    way: Way,
+    rng: np.random.Generator,
+    rests: bool = True,
+    still: bool = False,
 ) -> MovingScene:
-    """One run. With ``rests`` false the target moves from the start and is always in view."""
+    """One run. With ``rests`` false the target moves from the start and is always in view; ``still`` cameras stand."""
     t = np.arange(0.0, setup.duration_s, 1.0 / setup.frame_hz)
-    path = camera_path(setup, setup.duration_s, rng)
+    path = camera_path(setup, setup.duration_s, rng, still)
     camera = Pinhole.from_settings(setup.camera)
     target = _target(setup, t, way, rng, rests)
     arms = np.array([0.0, 0.0, 0.25]) + rng.uniform(-1.0, 1.0, (setup.features, 3)) * [0.25, 0.2, 0.2]

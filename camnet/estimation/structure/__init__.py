@@ -18,6 +18,7 @@ Everything broadcasts over leading dimensions.
 | `stack`, `flow` | history stack of the distances; optical flow over a window |
 | `distance_observer` | observers 1 and 2; `compiled_observer` the same, compiled |
 | `inverse_depth_observer`, `inverse_depth_filter` | observers 3 and 4 |
+| `moving` | a target that moves (chapter 5): a package with a table of its own |
 | `bundle` | bundle adjustment of poses, inverse depths, odometry scale and gyro bias |
 | `reconstruct` | path and points of many images at once (`triangulate`, `bootstrap`: its starts) |
 

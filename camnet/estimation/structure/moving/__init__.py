@@ -7,5 +7,7 @@
 | `rest` | structure and scale while the target rests, with the background, by bundle adjustment |
 | `known_points` | pose on a known structure, image after image, with its covariance |
 | `twist_filter` | causal filter of pose and velocity, its extrapolation (coordinated turn) and its smoother |
+| `acceleration`, `observer` | acceleration model by ICL; the paper's observer and predictor, corrected |
+| `never_at_rest` | scale of targets that never rest: no lateral slip, a known size, a known height |
 | `replay` | prediction across gaps by earlier passages, with alternatives where the way forks |
 """

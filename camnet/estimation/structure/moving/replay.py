@@ -18,8 +18,10 @@ one. A visit is a closest approach: where the record merely begins or ends nearb
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from camnet.estimation.structure.moving.twist_filter import TwistState, coast
 from camnet.geometry.rotations import angle_between, rotate, slerp
@@ -44,7 +46,7 @@ class ReplaySettings(Settings):
     match_m: Positive = 0.1
     match_rad: Positive = 0.2
     apart_m: Positive = 0.5
-    nearest: int = 3
+    nearest: Annotated[int, Field(ge=1, le=1000)] = 3
     back_s: Positive = 8.0
     recent_s: Positive = 5.0
     step_s: Positive = 1.0
