@@ -23,8 +23,10 @@ from camnet.types import Array
 
 __all__ = ["shadow_polygon"]
 
-#: an occluder that reaches the eye's height is cut this far (m) below it
-_BELOW_EYE_M = 1e-3
+#: an eye less than twice this (m) above the targets is as low as they are
+_LEVEL_M = 1e-3
+#: an occluder that reaches the eye's height is cut this far below it, as a share of the eye's height above the targets
+_BELOW_EYE = 1e-5
 #: what is thinner than this (m) is contact
 _CONTACT_M = 1e-9
 #: pieces of a quarter turn where a shadow is grown; chords would cut corners by 0.2 % of the extent
@@ -47,11 +49,11 @@ def shadow_polygon(
     if eye[2] < height_m:  # seen in the mirror of the plane
         normals, limits = normals * np.array([1.0, 1.0, -1.0]), limits - 2.0 * height_m * normals[:, 2]
         eye = np.array([eye[0], eye[1], 2.0 * height_m - eye[2]])
-    top = float(eye[2]) - _BELOW_EYE_M
     low, high = height_m - extent_m, height_m + extent_m
+    top = float(eye[2]) - _BELOW_EYE * (float(eye[2]) - high)
     inside = bool((normals @ eye < limits - _CONTACT_M).all())
     if (
-        inside or top - high < _BELOW_EYE_M
+        inside or eye[2] - high < 2.0 * _LEVEL_M
     ):  # inside the occluder, or as low as the target: nothing can be told
         return shapely.Point(eye[:2]).buffer(reach_m)
     parts = [_cast(eye, normals, limits, low, top, reach_m)]
