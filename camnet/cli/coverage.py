@@ -213,6 +213,7 @@ def _print(content: dict[str, Any]) -> None:
     for row in content["areas"]:
         print(f"\narea {row['name']}: {row['seen_share']:.1%} of {row['m2']:,.1f} m2 seen")
     if content["blind_spots"]:
-        print(f"\n{content['blind_spots_count']} blind spots; the largest:")
+        count = content["blind_spots_count"]
+        print(f"\n{count} blind spot{'' if count == 1 else 's'}; the largest:")
         for spot in content["blind_spots"][:5]:
             print(f"  {spot['m2']:10.1f} m2 about ({spot['x_m']:.1f}, {spot['y_m']:.1f})")

@@ -33,6 +33,8 @@ __all__ = ["Covered", "cover_site"]
 #: sides of places that are tried, m: the smallest with at most so many places
 _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _USUAL_PLACES, _MOST_PLACES = 1_000_000, 25_000_000
+#: lengths of road below this (m) are rounding
+_CONTACT_M = 1e-6
 #: blind spots that are listed
 _MOST_SPOTS = 50
 #: places that stand for the ground when a camera that sees nothing is explained
@@ -209,6 +211,8 @@ def _roads(
     most = max(len(lengths) for lengths in found)
     lengths = [sum(part[k] for part in found if k < len(part)) for k in range(most)]
     whole = sum(lengths)
+    while len(lengths) > 1 and lengths[-1] < _CONTACT_M:  # stretches that touch, not overlap
+        lengths[-2:] = [lengths[-2] + lengths[-1]]
     return _summed([{"cameras": k, "m": v, "share": v / whole} for k, v in enumerate(lengths)], "m")
 
 

@@ -62,6 +62,8 @@ def drawing_of(covered: Covered) -> CoverageDrawing:
         (row["name"], np.array([row["x_m"], row["y_m"]]), axis[:2] / max(float(np.hypot(*axis[:2])), 1e-9))
         for row, axis in zip(covered.report["camera_list"], site.axes, strict=True)
     ]
+    asked = covered.report["class"]
+    unseen = "seen by no camera" if asked is None else f"seen by none well enough to {asked}"
     return CoverageDrawing(
         site.name,
         covered.area,
@@ -72,4 +74,5 @@ def drawing_of(covered: Covered) -> CoverageDrawing:
         site.lines,
         (grid.x_m, x1, grid.y_m, y1),
         pixels,
+        unseen,
     )

@@ -27,7 +27,7 @@ _BLIND, _SOLID, _ROAD, _AREA = "#c1121f", "#6b6b6b", "#444444", "#222222"
 #: colours of places by class, the coarsest first; before it: seen with fewer pixels
 _CLASS_COLOURS = ("#e3dfd5", "#c7dcef", "#8fbfe0", "#4a94c8", "#1c5f99", "#0b2f57")
 #: cameras that are named on a map
-_MOST_NAMES = 60
+_MOST_NAMES = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,7 @@ class CoverageDrawing:
     solids, lines : occluders (outlines) and roads
     extent : left, right, bottom and top of the places
     px_per_m : (rows, columns) of each place, 0 where unseen, NaN where nothing is counted; None: unknown
+    unseen : what blind spots are
     """
 
     title: str
@@ -55,6 +56,7 @@ class CoverageDrawing:
     lines: Sequence[Array]
     extent: tuple[float, float, float, float]
     px_per_m: Array | None
+    unseen: str = "seen by no camera"
 
 
 def write_blind_map(path: Path, drawing: CoverageDrawing, words: str) -> None:
@@ -69,7 +71,7 @@ def write_blind_map(path: Path, drawing: CoverageDrawing, words: str) -> None:
             _fill(axes, part, facecolor=_BLIND, alpha=0.35, edgecolor=_BLIND, linewidth=0.6, zorder=3)
         _site(axes, drawing)
         handles = [
-            Patch(facecolor=_BLIND, alpha=0.35, edgecolor=_BLIND, label="seen by no camera"),
+            Patch(facecolor=_BLIND, alpha=0.35, edgecolor=_BLIND, label=drawing.unseen),
             Patch(
                 facecolor=CAMERA_COLOURS[0], alpha=0.3, edgecolor=CAMERA_COLOURS[0], label="view of a camera"
             ),
@@ -113,7 +115,7 @@ def write_pixel_map(path: Path, drawing: CoverageDrawing, words: str) -> None:
             Patch(facecolor=c, edgecolor="#888888", label=n)
             for c, n in zip(_CLASS_COLOURS, names, strict=True)
         ]
-        handles.insert(0, Patch(facecolor=_BLIND, alpha=0.35, label="seen by no camera"))
+        handles.insert(0, Patch(facecolor=_BLIND, alpha=0.35, label=drawing.unseen))
         _finish(figure, axes, drawing, handles, words, path)
 
 

@@ -68,11 +68,16 @@ def _figures(report: dict[str, Any]) -> str:
     twice = sum(row["share"] for row in ground["by_cameras"] if row["cameras"] >= 2)
     figures += [
         (_percent(twice), "of the ground seen by two cameras or more"),
-        (f"{ground['m2'] - ground['seen_m2']:,.0f} m2", f"unseen, in {report['blind_spots_count']} blind spots"),
+        (f"{ground['m2'] - ground['seen_m2']:,.0f} m2", f"unseen, in {_spots_words(report)}"),
         (str(report["cameras"]), "cameras"),
     ]  # fmt: skip
     blocks = "".join(f"<div><b>{shown(a)}</b>{shown(b)}</div>" for a, b in figures)
     return f'<div class="figures">{blocks}</div>'
+
+
+def _spots_words(report: dict[str, Any]) -> str:
+    count = report["blind_spots_count"]
+    return f"{count} blind spot" if count == 1 else f"{count} blind spots"
 
 
 def _spots(report: dict[str, Any]) -> str:
@@ -115,7 +120,7 @@ def _cameras(report: dict[str, Any]) -> str:
                 "–" if c["pan_deg"] is None else f"{c['pan_deg']:.1f}",
                 f"{c['tilt_deg']:.1f}",
                 f"{c['counted_m2']:,.0f}",
-                "–" if pixels is None else f"{pixels[0]:.0f} to {pixels[1]:.0f}",
+                "–" if pixels is None else f"{pixels[0]:.3g} to {pixels[1]:.3g}",
             )
         )
     head = (
