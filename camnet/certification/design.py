@@ -90,6 +90,7 @@ def place_cameras(
     least_view_m: float = 0.0,
     costs: Array | None = None,
     *,
+    standing: IntArray | None = None,
     exact_limit: int = 3000,
     time_limit_s: float = 60.0,
     seed: int = 0,
@@ -104,6 +105,7 @@ def place_cameras(
     limit_m : longest unseen way allowed, m
     least_view_m : stretches in view that are shorter do not count, m
     costs : (n_candidates,) cost of each, positive; None: one each, so that the number is minimised
+    standing : candidates that are there already: they always see, are never chosen and cost nothing
     exact_limit : lower bound by integer programming up to this many candidates, by linear programming beyond
     time_limit_s : processor time for improvement and bound; a first certified set is found whatever it takes
     seed : of the neighbourhoods' order
@@ -115,7 +117,9 @@ def place_cameras(
         if not even all candidates together certify the network.
     """
     weight = np.ones(n_candidates) if costs is None else np.asarray(costs, dtype=float)
-    search = _Search(roads, usable_coverage(roads, candidates, least_view_m), weight, limit_m, progress)
+    search = _Search(
+        roads, usable_coverage(roads, candidates, least_view_m), weight, limit_m, standing, progress
+    )
     search.check(n_candidates)
     search.first()
     search.improve(_IMPROVE_SHARE * time_limit_s, np.random.default_rng(seed))
@@ -142,11 +146,12 @@ class _Search:
         usable: Coverage,
         weight: Array,
         limit_m: float,
+        standing: IntArray | None,
         progress: Callable[[float], None] | None,
     ) -> None:
         self._begun = time.process_time()
         self._usable, self._weight, self._progress = usable, weight, progress
-        self._search = WaySearch(roads, usable, limit_m)
+        self._search = WaySearch(roads, usable, limit_m, standing)
         self._whole_costs = bool(np.allclose(weight, np.round(weight)))
         self.problem = HittingSet(weight)
         self.best: IntArray = np.array([], dtype=np.int64)

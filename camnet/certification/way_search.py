@@ -51,10 +51,14 @@ class WaySearch:
     roads : the network
     usable : what each candidate sees, sorted by arc and start (``usable_coverage``)
     limit_m : longest unseen way allowed, m
+    standing : cameras that are there whatever is chosen
     """
 
-    def __init__(self, roads: RoadArcs, usable: Coverage, limit_m: float) -> None:
+    def __init__(
+        self, roads: RoadArcs, usable: Coverage, limit_m: float, standing: IntArray | None = None
+    ) -> None:
         self._roads, self._usable, self.limit_m = roads, usable, limit_m
+        self.standing: IntArray = np.zeros(0, dtype=np.int64) if standing is None else standing
         self._ptr = _by_arc(roads, usable)
 
     def cameras_on(self, way: Way) -> set[int]:
@@ -68,7 +72,8 @@ class WaySearch:
 
     def violations(self, chosen: IntArray) -> list[Way]:
         """One unseen way longer than the limit for each place where one can begin: ends of views, starts of arcs."""
-        coverage = coverage_rows(self._usable, np.isin(self._usable.camera, chosen))
+        there = np.union1d(chosen, self.standing)
+        coverage = coverage_rows(self._usable, np.isin(self._usable.camera, there))
         ptr = _by_arc(self._roads, coverage)
         starts = [(arc, 0.0) for arc in range(self._roads.n_arcs)]
         if len(coverage.arc):

@@ -11,13 +11,14 @@ from camnet import __version__
 from camnet.cli.arguments import whole
 from camnet.cli.certify import add_pixel_class, add_target_class, read_tracks
 from camnet.cli.common import add_common, positive, progress_bar, say
+from camnet.cli.design_world import add_world_options, run_world
 from camnet.cli.output import Output, output_folder, print_json, write_json
 from camnet.cli.traffic import kept, print_check
 from camnet.storage.whole_file import whole_file
 
 __all__ = ["add_parser"]
 
-_DESCRIPTION = """Design a network of cameras over roads, or over the ways that people were recorded to go.
+_DESCRIPTION = """Design a network of cameras over roads, over recorded ways of people, or on the walls of a site.
 
   camnet design --roads NET.xml --unseen-max-m 600       the fewest cameras: nobody drives more than 600 m out of view
   camnet design --roads NET.xml --off-max 120            the same for 120 s, at --v-lo m/s at least while moving
@@ -25,10 +26,45 @@ _DESCRIPTION = """Design a network of cameras over roads, or over the ways that 
   camnet design --roads NET.xml --count 60               60 cameras: the shortest time out of view
   camnet design --roads NET.xml --repair CAMERAS.csv     single changes that certify each uncertified transition
   camnet design --tracks people.csv --off-max 20         nobody of a track set (CSV, or ETH/UCY .txt) unseen for 20 s
+  camnet design WORLD --mounts walls:2,5 --off-max 30    cameras on a site's walls, the cheapest of a catalogue
 
+A world's targets are followed along all their ways, as camnet certify does; the result is a world file, certified anew.
 Roads are read lane by lane, with the turning paths over junctions: a way counts as seen only where one camera sees its
 whole width. The lower bound says how many cameras any choice among the same candidates needs; --time-limit is spent on
 a better choice and a better bound (integer programming; above 3000 candidates the bound of the linear programme)."""
+
+#: options by the kinds of design that use them; elsewhere they are refused by name
+_USED_BY: dict[str, tuple[str, ...]] = {
+    "origin": ("tracks", "world"),
+    "objective": ("roads", "tracks", "world"),
+    "poles": ("roads", "tracks"),
+    "repair": ("repair",),
+    "spacing": ("roads", "repair", "tracks"),
+    "count": ("roads", "tracks", "world"),
+    "footprint": ("roads", "repair", "tracks"),
+    "most": ("repair",),
+    "mounts": ("world",),
+    "catalogue": ("world",),
+    "existing": ("world",),
+    "budget": ("world",),
+    "aim_step": ("world",),
+    "overrides": ("world",),
+    "v_lo": ("roads", "repair", "world"),
+    "v_max": ("roads", "repair", "world"),
+    "unseen_max_m": ("roads", "repair", "world"),
+    "check": ("roads",),
+    "stop_s": ("roads", "repair"),
+    "on_min": ("roads", "repair"),
+    "model_error": (),
+    "initial_error": (),
+}
+_OPTION = {"overrides": "--set"}
+_KINDS = {
+    "roads": "--roads NET",
+    "repair": "--roads NET --repair",
+    "tracks": "--tracks FILE",
+    "world": "a world file",
+}
 
 
 def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -40,11 +76,19 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "config",
+        nargs="?",
+        metavar="WORLD",
+        help="a world file, a folder with world.yaml, or a shipped world's name",
+    )
     source.add_argument("--roads", metavar="NET", type=Path, help="SUMO network of the roads")
     source.add_argument(
         "--tracks", metavar="FILE", type=Path, help="recorded tracks: .csv, .csv.gz or ETH/UCY .txt"
     )
-    parser.add_argument("--origin", metavar="LAT,LON,ALT", help="local frame of the tracks, degrees and m")
+    parser.add_argument(
+        "--origin", metavar="LAT,LON,ALT", help="local frame of tracks or world, degrees and m"
+    )
     parser.add_argument(
         "--objective",
         choices=("fewest", "margin", "cheapest"),
@@ -66,7 +110,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--count", type=whole(1, 100_000), metavar="K", help="use at most K cameras, with the largest margin"
     )
     parser.add_argument(
-        "--footprint", type=positive, default=30.0, metavar="M", help="side of a camera's view, m"
+        "--footprint", type=positive, metavar="M", help="side of a camera's view, m (default 30)"
     )
     parser.add_argument(
         "--most",
@@ -74,7 +118,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         metavar="N",
         help="--repair: look for changes of poses at N transitions (default 10)",
     )
-    add_pixel_class(parser, "only for cameras with intrinsics, which --roads and --tracks do not have")
+    add_pixel_class(parser, "a world's targets count as seen with the pixels of this class (default: detect)")
     parser.add_argument(
         "--time-limit",
         type=positive,
@@ -82,6 +126,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         metavar="S",
         help="processor time of the solver, s (default 120)",
     )
+    add_world_options(parser)
     add_target_class(parser)
     add_common(parser)
     parser.set_defaults(run=run)
@@ -89,11 +134,9 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
 
 def run(args: argparse.Namespace) -> int:
     """Load, place or repair, write."""
-    from camnet.errors import ConfigError
-
-    if args.repair is not None and args.tracks is not None:
-        raise ConfigError("--repair and --tracks: repairs are for cameras over --roads")
     _refuse_unused(args)
+    if args.config is not None:
+        return run_world(args)
     with output_folder(args, "design") as output:
         with progress_bar(1.0, "placing", "", args.quiet) as advance:
             content, designed = _design(args, advance)
@@ -113,22 +156,28 @@ def _refuse_unused(args: argparse.Namespace) -> None:
     """Refuse options that the kind of design does not use."""
     from camnet.errors import ConfigError
 
-    if args.pixel_class is not None:
+    if args.pixel_class is not None and args.config is None:
         raise ConfigError(
             f"--class {args.pixel_class}: over --roads and on --tracks cameras are square footprints without "
             "intrinsics, so they have no pixels per metre; give --footprint"
         )
-    unused = {
-        "check": "--repair" if args.repair is not None else "",
-        "origin": "" if args.tracks else "--roads",
-    }
-    if args.tracks is not None:
-        names = ("check", "unseen_max_m", "stop_s", "v_lo", "v_max", "on_min", "most")
-        unused = dict.fromkeys(names, "--tracks")
-    for name, where in unused.items():
-        if where and getattr(args, name) is not None:
-            option = "--" + name.replace("_", "-")
-            raise ConfigError(f"{option} {getattr(args, name)}: does not apply to {where}; leave it out")
+    kind = "world" if args.config is not None else ("tracks" if args.tracks is not None else "roads")
+    if kind == "roads" and args.repair is not None:
+        kind = "repair"
+    for name, kinds in _USED_BY.items():
+        value = getattr(args, name)
+        if value is None or kind in kinds:
+            continue
+        option = _OPTION.get(name, "--" + name.replace("_", "-"))
+        given = value[0] if isinstance(value, list) else value
+        if not kinds:
+            raise ConfigError(
+                f"{option} {given}: is about estimates, which a design does not ask for; leave it out"
+            )
+        where = ", ".join(_KINDS[k] for k in kinds)
+        raise ConfigError(
+            f"{option} {given}: does not apply to {_KINDS[kind]}, only to {where}; leave it out"
+        )
 
 
 def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any]:  # noqa: ANN401
@@ -139,7 +188,7 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
     from camnet.experiments.repair_roads import repair_roads
 
     shared: dict[str, Any] = {
-        "footprint_m": args.footprint,
+        "footprint_m": args.footprint or 30.0,
         "time_limit_s": args.time_limit,
         "progress": advance,
         "seed": args.seed or 0,

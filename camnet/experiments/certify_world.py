@@ -36,7 +36,7 @@ from camnet.simulation.certificates import feature_extent, network_report
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array
 
-__all__ = ["certify_world", "free_lines", "limit_of", "nominal_path"]
+__all__ = ["alone", "certify_world", "free_lines", "limit_of", "nominal_path"]
 
 #: step of the nominal path, s
 _STEP_S = 0.05
@@ -102,7 +102,7 @@ def _one_class(
     find_largest: bool,
     at_once: int,
 ) -> Certified:
-    network = _alone(whole, group)
+    network = alone(whole, group)
     settings = group.scenario.targets[0].motion
     motions = [t.motion for t in whole.description.targets if t.name in group.members]
     roads = [m for m in motions if isinstance(m, RoadMotion)]
@@ -117,7 +117,7 @@ def _one_class(
     return _free(network, group, limit, at_once)
 
 
-def _alone(whole: Network, group: TargetGroup) -> Network:
+def alone(whole: Network, group: TargetGroup) -> Network:
     """Return the network with the group's first target alone; geometry and basis are those of the whole."""
     kept = tuple(t for t in whole.description.targets if t.name == group.members[0])
     description = replace(whole.description, targets=kept)

@@ -182,31 +182,42 @@ def best_placement(
     limit: float,
     count: int | None,
     objective: str | None,
+    budget: float | None = None,
 ) -> tuple[Placement, float]:
-    """Return the placement for an objective, and the way (m) or time (s) out of view that it certifies."""
+    """Return the placement for an objective, and the way (m) or time (s) out of view that it certifies.
+
+    ``budget`` bounds the cost that ``place`` minimises, as ``count`` bounds the number of cameras.
+    """
     if count is not None and objective not in (None, "margin"):
         raise ConfigError(
             f"--count {count} with --objective {objective}: a count goes with the objective margin"
         )
     found = place(limit)
+    if count is not None and len(found.chosen) > count:
+        raise CertificateError(
+            f"--count {count}: what is allowed out of view needs {len(found.chosen)} cameras (at least "
+            f"{found.lower_bound:g}); allow more cameras or more out of view"
+        )
+    if budget is not None and found.cost > budget:
+        raise CertificateError(
+            f"--budget {budget:g}: what is allowed out of view costs {found.cost:g} (at least {found.lower_bound:g}); "
+            "allow more money, more out of view, or a longer --time-limit where the bound is lower"
+        )
     if count is None and objective != "margin":
         return found, limit
+    if budget is not None:
+        return _shortest(place, found, lambda p: p.cost <= budget, limit)
     most = len(found.chosen) if count is None else count
-    return _with_count(place, found, most, limit)
+    return _shortest(place, found, lambda p: len(p.chosen) <= most, limit)
 
 
-def _with_count(
+def _shortest(
     place: Callable[[float], Placement],
     first: Placement,
-    count: int,
+    fits: Callable[[Placement], bool],
     limit: float,
 ) -> tuple[Placement, float]:
-    """Shorten the way out of view by bisection as long as ``count`` cameras are enough."""
-    if len(first.chosen) > count:
-        raise CertificateError(
-            f"--count {count}: what is allowed out of view needs {len(first.chosen)} cameras (at least "
-            f"{first.lower_bound:g}); allow more cameras or more out of view"
-        )
+    """Shorten what is out of view by bisection as long as a placement fits."""
     best, low, high = first, 0.0, limit
     for _ in range(_ROUNDS):
         middle = 0.5 * (low + high)
@@ -215,7 +226,7 @@ def _with_count(
         except CertificateError:  # not even all candidates are enough
             low = middle
             continue
-        if len(found.chosen) <= count:
+        if fits(found):
             best, high = found, middle
         else:
             low = middle

@@ -8,6 +8,8 @@ import numpy as np
 import pybullet as pb
 import pytest
 
+from camnet.geometry.rotations import look_at, to_matrix
+
 
 class Rays:
     """A PyBullet scene of solids: boxes (lowest, highest corner) and upright cylinders (centre, radius, heights)."""
@@ -40,6 +42,40 @@ class Rays:
             )
             out += [hit[0] < 0 for hit in found]
         return np.array(out, dtype=bool)
+
+    def longest_hidden(self, world, step_m=0.02) -> float:
+        """Longest stretch of the first road, closed, on which no camera sees all features, by projection and rays."""
+        for solid in world["occluders"]:
+            self.box(solid["shape"]["min_m"], solid["shape"]["max_m"])
+        k = {c["name"]: c["intrinsics"] | {r: c[r] for r in ("near_m", "far_m")} for c in world["cameras"]}
+        corners = np.array(world["roads"][0]["points_m"], float)
+        corners = np.vstack([corners, corners[:1]])
+        length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        ends = np.r_[0.0, np.cumsum(length)]
+        s = np.arange(0.0, ends[-1], step_m)
+        i = np.searchsorted(ends, s, side="right") - 1
+        along = (np.diff(corners, axis=0) / length[:, None])[i]
+        across = np.c_[-along[:, 1], along[:, 0]]
+        place = corners[i] + (s - ends[i])[:, None] * along
+        seen = np.zeros(len(s), dtype=bool)
+        for camera in world["fixed_cameras"]:
+            c, eye = k[camera["camera"]], np.array(camera["pose"]["position_m"], float)
+            turn = to_matrix(look_at(eye, np.array(camera["pose"]["look_at_m"], float)))
+            whole = np.ones(len(s), dtype=bool)
+            for x, y in ((0.12, 0.12), (0.12, -0.12), (-0.12, -0.12), (-0.12, 0.12)):
+                point = np.c_[place + x * along + y * across, np.full(len(s), 0.3)]
+                ray = (point - eye) @ turn
+                u, v = (c[f"f{a}_px"] * ray[:, j] / ray[:, 2] + c[f"c{a}_px"] for j, a in enumerate("xy"))
+                whole &= (ray[:, 2] > c["near_m"]) & (ray[:, 2] < c["far_m"])
+                whole &= (u >= 0) & (v >= 0) & (u <= c["width_px"]) & (v <= c["height_px"])
+                rows = np.flatnonzero(whole)
+                whole[rows] = self.clear(np.repeat(eye[None], len(rows), axis=0), point[rows])
+            seen |= whole
+        best = run = 0
+        for here in np.r_[seen, seen]:
+            run = 0 if here else run + 1
+            best = max(best, run)
+        return best * step_m
 
     def clean(self) -> None:
         pb.resetSimulation(physicsClientId=self.client)

@@ -8,12 +8,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
 from camnet.cli.main import main
-from camnet.geometry.rotations import look_at, to_matrix
 
 DATA = Path(__file__).parent / "data"
 
@@ -62,45 +60,10 @@ def test_views_of_another_loop_certify_nothing(capsys):
     assert [c["name"] for c in report["promise"]["blind_cameras"]] == ["a", "b"]
 
 
-def longest_hidden(world, rays, step_m=0.02):
-    """Longest stretch of the first road, closed, on which no camera sees all features, by projection and rays."""
-    for solid in world["occluders"]:
-        rays.box(solid["shape"]["min_m"], solid["shape"]["max_m"])
-    k = {c["name"]: c["intrinsics"] | {r: c[r] for r in ("near_m", "far_m")} for c in world["cameras"]}
-    corners = np.array(world["roads"][0]["points_m"], float)
-    corners = np.vstack([corners, corners[:1]])
-    length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    ends = np.r_[0.0, np.cumsum(length)]
-    s = np.arange(0.0, ends[-1], step_m)
-    i = np.searchsorted(ends, s, side="right") - 1
-    along = (np.diff(corners, axis=0) / length[:, None])[i]
-    across = np.c_[-along[:, 1], along[:, 0]]
-    place = corners[i] + (s - ends[i])[:, None] * along
-    seen = np.zeros(len(s), dtype=bool)
-    for camera in world["fixed_cameras"]:
-        c, eye = k[camera["camera"]], np.array(camera["pose"]["position_m"], float)
-        turn = to_matrix(look_at(eye, np.array(camera["pose"]["look_at_m"], float)))
-        whole = np.ones(len(s), dtype=bool)
-        for x, y in ((0.12, 0.12), (0.12, -0.12), (-0.12, -0.12), (-0.12, 0.12)):
-            point = np.c_[place + x * along + y * across, np.full(len(s), 0.3)]
-            ray = (point - eye) @ turn
-            u, v = (c[f"f{a}_px"] * ray[:, j] / ray[:, 2] + c[f"c{a}_px"] for j, a in enumerate("xy"))
-            whole &= (ray[:, 2] > c["near_m"]) & (ray[:, 2] < c["far_m"])
-            whole &= (u >= 0) & (v >= 0) & (u <= c["width_px"]) & (v <= c["height_px"])
-            rows = np.flatnonzero(whole)
-            whole[rows] = rays.clear(np.repeat(eye[None], len(rows), axis=0), point[rows])
-        seen |= whole
-    best = run = 0
-    for here in np.r_[seen, seen]:
-        run = 0 if here else run + 1
-        best = max(best, run)
-    return best * step_m
-
-
 @pytest.mark.parametrize("name", ["depot", "depot_off_wall"])
 def test_the_depot_agrees_with_rays_along_its_path(capsys, rays, name):
     world = yaml.safe_load((DATA / f"{name}.yaml").read_text())
-    hidden = longest_hidden(world, rays)
+    hidden = rays.longest_hidden(world)
     status, report = certify(capsys, DATA / f"{name}.yaml")
     promise = report["promise"]
     assert (status, promise["verdict"]) == (0, "certified")

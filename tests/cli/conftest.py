@@ -151,6 +151,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         _network(folder / name)
     for name in ("POLES.csv", "CAMERAS.csv"):
         (folder / name).write_text("name,x,y\na,0,0\nb,300,0\nc,300,300\nd,600,0\nm,150,0\n")
+    shutil.copy(ROOT / "tests" / "certification" / "data" / "depot.yaml", folder)
     _people(folder / "people.csv")
     _areas(folder / "AREAS.geojson")
     (folder / "DIR_OF_KRTD").mkdir()

@@ -87,6 +87,9 @@ CASES: dict[str, Case] = {
     "camnet design --roads NET.xml --count 60": Case("--time-limit 5", package="sumolib"),
     "camnet design --roads NET.xml --repair CAMERAS.csv": Case("--time-limit 5", package="sumolib"),
     "camnet design --tracks people.csv --off-max 20": Case("--time-limit 5"),
+    "camnet design WORLD --mounts walls:2,5 --off-max 30": Case(
+        "--aim-step 45 --existing replace", replaced=(("WORLD", "depot.yaml"),)
+    ),
     # camnet evaluate, train
     "camnet evaluate --world quickstart --agents learned,ekf,nearest --episodes 20": Case(_SHORT_SCORES),
     _SCORES: Case(_SHORT_SCORES, replaced=((",runs/train/policy.npz", ",static"),)),

@@ -1,0 +1,246 @@
+"""``camnet design WORLD``: cameras on walls, poles and masts of a site."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from camnet import __version__
+from camnet.cli.arguments import numbers, positive
+from camnet.cli.common import progress_bar, say
+from camnet.cli.output import Output, output_folder, print_json, write_json
+from camnet.errors import ConfigError
+from camnet.numerals import read_decimal
+from camnet.storage.whole_file import whole_file, write_text
+
+__all__ = ["add_world_options", "run_world"]
+
+_COLUMNS = ("name", "camera", "mount", "x", "y", "z", "pan_deg", "tilt_deg", "price")
+
+
+def add_world_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that only a design for a world file has."""
+    group = parser.add_argument_group("a world file")
+    group.add_argument(
+        "--mounts",
+        action="append",
+        metavar="WHERE",
+        help="where cameras may be: a CSV (name,x,y,z[,pan_min,pan_max,tilt_min,tilt_max,cost]; m, degrees), "
+        "walls:SPACING,HEIGHT along walls as high as that, or outline:SPACING,HEIGHT for masts around the site, m; "
+        "repeatable",
+    )
+    group.add_argument(
+        "--catalogue",
+        type=Path,
+        metavar="YAML",
+        help="cameras to choose from: name, width_px, height_px, fov_deg, price (default: the one that ships)",
+    )
+    group.add_argument(
+        "--existing",
+        choices=("keep", "replace"),
+        help="fixed cameras of the world: keep them (default), or design without them",
+    )
+    group.add_argument(
+        "--budget", type=positive, metavar="PRICE", help="most that the added cameras may cost"
+    )
+    group.add_argument(
+        "--aim-step",
+        type=positive,
+        metavar="DEG",
+        help="between two directions that are tried at a mount, degrees (default 15)",
+    )
+    group.add_argument(
+        "--set",
+        action="append",
+        metavar="KEY=VALUE",
+        dest="overrides",
+        help="change one setting of the world",
+    )
+
+
+def run_world(args: argparse.Namespace) -> int:
+    """Load, place, certify, write."""
+    from camnet.errors import ConfigError
+
+    if args.mounts is None:
+        raise ConfigError(
+            f"{args.config}: give --mounts: where cameras may be, such as walls:2,5 (every 2 m along the walls, "
+            "5 m high)"
+        )
+    origin = _origin(args)
+    with output_folder(args, "design") as output:
+        with progress_bar(1.0, "placing", "", args.quiet) as advance:
+            designed = _design(args, advance)
+        content = {**designed.report, "version": __version__}
+        if output is not None:
+            _write(output, content, designed, origin)
+    if output is not None:
+        say(f"wrote {output.folder}; certify it: camnet certify {output.folder / 'world.yaml'}")
+    if args.json:
+        print_json(content)
+    else:
+        _print(content)
+    return 0 if content["certified"] else 1
+
+
+def _design(args: argparse.Namespace, advance: Any) -> Any:  # noqa: ANN401 - imported late
+    from camnet.config.catalogue import load_catalogue
+    from camnet.experiments.design_world import design_world
+    from camnet.experiments.restate import restate_class
+
+    catalogue = load_catalogue(args.catalogue)
+    scenario = _world(args)
+    scenario = restate_class(scenario, v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
+    return design_world(
+        scenario,
+        _mounts(args.mounts, scenario),
+        catalogue,
+        pixel_class=args.pixel_class,
+        off_max_s=args.off_max,
+        unseen_max_m=args.unseen_max_m,
+        keep=args.existing != "replace",
+        objective=args.objective,
+        count=args.count,
+        budget=args.budget,
+        aim_step_deg=args.aim_step or 15.0,
+        time_limit_s=args.time_limit,
+        seed=args.seed or 0,
+        progress=advance,
+    )
+
+
+def _world(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
+    from camnet.config.load import load_scenario
+    from camnet.config.models import Scenario
+
+    scenario = load_scenario(args.config, args.overrides or [], seed=args.seed)
+    if not isinstance(scenario, Scenario) or scenario.traffic is not None:
+        kind = "traffic" if isinstance(scenario, Scenario) else "kind 'recorded'"
+        raise ConfigError(
+            f"{args.config}: a world of {kind} is no site with walls and ways; give a network, or --roads or --tracks"
+        )
+    return scenario
+
+
+def _mounts(texts: Sequence[str], scenario: Any) -> list[Any]:  # noqa: ANN401 - Scenario, Mount
+    """Return the mounts of ``--mounts``.
+
+    Raises
+    ------
+    ConfigError
+        A text is neither a file nor one of the rules, or two mounts have one name.
+    """
+    from camnet.experiments.design_mounts import outline_mounts, wall_mounts
+    from camnet.experiments.design_world import places_of
+    from camnet.geometry.regions import build_region
+    from camnet.importers.mounts import read_mounts
+
+    solids = [build_region(o.name, o.shape) for o in scenario.occluders]
+    found = []
+    for text in texts:
+        rule, colon, rest = text.partition(":")
+        if colon and rule == "walls":
+            found += wall_mounts(solids, *_two_lengths(text, rest))
+        elif colon and rule == "outline":
+            found += outline_mounts(places_of(scenario), solids, *_two_lengths(text, rest))
+        else:
+            found += read_mounts(text)
+    names = [m.name for m in found]
+    twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
+    if twice is not None:
+        raise ConfigError(f"--mounts {' '.join(texts)}: the mount {twice!r} is there twice; names are unique")
+    return found
+
+
+def _two_lengths(text: str, rest: str) -> tuple[float, float]:
+    try:
+        spacing, height = (read_decimal(part) for part in rest.split(","))
+        if spacing > 0.0 and height > 0.0:
+            return spacing, height
+    except ValueError:
+        pass
+    raise ConfigError(
+        f"--mounts {text}: spacing and height in metres were expected, both above 0, such as walls:2,5"
+    )
+
+
+def _origin(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
+    """Return where the world's frame sits, None where that is not said."""
+    from camnet.importers.geodesy import Origin
+
+    if args.origin is None:
+        return None
+    names = ("latitude", "longitude", "altitude")
+    return Origin(*numbers("--origin", args.origin, names, "39.05,-85.53,205"))
+
+
+def _features(content: dict[str, Any], designed: Any) -> list[Any]:  # noqa: ANN401 - imported late
+    """Return each added camera as a point, and the ground that each camera sees as polygons."""
+    import numpy as np
+    import shapely
+
+    from camnet.report.geojson import GeoFeature
+
+    points = [
+        GeoFeature(np.array([c["x"], c["y"], c["z"]]), {"what": "camera", **c}) for c in content["cameras"]
+    ]
+    views: dict[str, list[Any]] = {}
+    for name, outline in designed.certified.views:
+        views.setdefault(name, []).append(shapely.Polygon(outline))
+    return points + [
+        GeoFeature(polygons, {"what": "view on the ground", "name": n}) for n, polygons in views.items()
+    ]
+
+
+def _write(
+    output: Output,
+    content: dict[str, Any],
+    designed: Any,  # noqa: ANN401 - imported late
+    origin: Any,  # noqa: ANN401 - imported late
+) -> None:
+    from camnet.config.load import dump_scenario
+    from camnet.report.certificate import write_certificate
+    from camnet.report.geojson import feature_collection
+
+    write_json(output.path / "design.json", content)
+    write_text(output.path / "world.yaml", dump_scenario(designed.scenario))
+    with (
+        whole_file(output.path / "cameras.csv") as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as stream,
+    ):
+        writer = csv.DictWriter(stream, _COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(content["cameras"])
+    if origin is not None:
+        collection = feature_collection(_features(content, designed), origin, 0.0)
+        write_json(output.path / "cameras.geojson", collection)
+    else:
+        say("no cameras.geojson: its longitudes and latitudes need --origin, where the world's frame sits")
+    output.results_stand()
+    made = designed.certified
+    write_certificate(output.path, made.report, made.views, made.lines, made.solids)
+
+
+def _print(content: dict[str, Any]) -> None:
+    print(content["promise"]["sentence"])
+    standing = len(content["standing"])
+    also = f" besides {standing} that stand" if standing else ""
+    print(
+        f"{content['count']} cameras{also}, price {content['price']:g}, of {content['candidates']} candidates at "
+        f"{content['mounts']} mounts"
+    )
+    if not content["count"]:
+        print("  the cameras that stand are enough: nothing has to be added")
+    print(
+        f"  lower bound {content['lower_bound']:g} ({content['minimised']}), gap {content['gap']:.1%}, "
+        f"{content['seconds']:.1f} s"
+    )
+    for c in content["cameras"]:
+        print(
+            f"  {c['name']:24s} {c['camera']:16s} at ({c['x']:.1f}, {c['y']:.1f}, {c['z']:.1f}) m, "
+            f"pan {c['pan_deg']:.0f}, tilt {c['tilt_deg']:.0f} degrees, price {c['price']:g}"
+        )
+    print("  certified anew from the world as written")

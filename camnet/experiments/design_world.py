@@ -1,0 +1,353 @@
+"""Place cameras on a site's walls and poles so that the world's targets are never out of view for longer than allowed.
+
+Candidates are every camera of a catalogue at every mount in many directions; each is looked at along every way of the
+targets as the certifier does (``certification.ways``). The cheapest set is a hitting set (``certification.design``).
+The answer is written as a world and certified from that world anew: a contradiction is an error.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from camnet.certification.coverage import Coverage, Views
+from camnet.certification.design import Placement, place_cameras
+from camnet.certification.way_limits import LimitedWays, reachable_arcs, ways_as_one
+from camnet.certification.ways import Ways, cover_ways, join_coverage
+from camnet.config.catalogue import CatalogueCamera
+from camnet.config.models import FixedCamera, Scenario
+from camnet.errors import CertificateError, ConfigError
+from camnet.experiments.certified import Certified
+from camnet.experiments.certify_path import follow
+from camnet.experiments.certify_world import alone, certify_world, limit_of
+from camnet.experiments.design_mounts import Candidates, candidates_at
+from camnet.experiments.design_roads import best_placement
+from camnet.experiments.promise_world import Limit, fixed_views, solids_of, target_features
+from camnet.experiments.restate import restate_pixels
+from camnet.experiments.target_groups import target_groups
+from camnet.experiments.world_ways import drawn_ways, driven_ways
+from camnet.geometry.pixel_density import pixels_per_metre
+from camnet.geometry.settings import CameraModel, FixedPose
+from camnet.importers.mounts import Mount
+from camnet.motion.road import RoadMotion
+from camnet.motion.settings import VectorFieldTarget
+from camnet.simulation.network import Network, build_network
+from camnet.types import Array, IntArray
+
+__all__ = ["DesignedWorld", "SiteWays", "design_world", "places_of", "site_ways"]
+
+#: the solver asks for this share less than what is allowed, so that halvings of a tenth of a millimetre never decide
+_SPARE = 1e-4
+#: candidates that are looked at in one go
+_BLOCK = 500
+
+
+@dataclass(frozen=True, eq=False)
+class SiteWays:
+    """Ways of targets of one class, and the world with one of them."""
+
+    network: Network
+    names: tuple[str, ...]
+    ways: tuple[Ways, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedWorld:
+    """A design: the report, its certificate, and the world with the cameras in it."""
+
+    report: dict[str, Any]
+    certified: Certified
+    scenario: Scenario
+
+
+def site_ways(scenario: Scenario) -> list[SiteWays]:
+    """Return every way of every target of a world: roads as drawn and as driven, the paths of fields.
+
+    Raises
+    ------
+    ConfigError
+        The world has agents or no targets, or a target may go anywhere.
+    """
+    if scenario.agents:
+        raise ConfigError(
+            f"world {scenario.name!r} has {len(scenario.agents)} agents: fixed cameras are placed, which need none; "
+            "take agents and regions out of the world"
+        )
+    if not scenario.targets:
+        raise ConfigError(f"world {scenario.name!r} has no targets: nothing asks for a camera")
+    whole = build_network(scenario)
+    return [_ways_of(alone(whole, group), group.members, whole) for group in target_groups(scenario, None)]
+
+
+def _ways_of(network: Network, members: tuple[str, ...], whole: Network) -> SiteWays:
+    target = network.scenario.targets[0]
+    motions = [t.motion for t in whole.description.targets if t.name in members]
+    roads = [m for m in motions if isinstance(m, RoadMotion)]
+    if roads:
+        slow = roads[0].speed_mps[0]
+        return SiteWays(network, members, (drawn_ways(network, roads, slow), driven_ways(roads, slow)))
+    if isinstance(target.motion, VectorFieldTarget):
+        return SiteWays(network, members, (follow(network).ways,))
+    raise ConfigError(
+        f"target {target.name!r} is of kind {target.motion.kind!r}: it may go anywhere, so that no choice of cameras "
+        "bounds its time out of view; give it roads, or use camnet design --tracks"
+    )
+
+
+def places_of(scenario: Scenario) -> Array:
+    """Return places (n, 2), m, all along the ways of a world's targets."""
+    return np.concatenate([ways.xy for site in site_ways(scenario) for ways in site.ways])
+
+
+def design_world(
+    scenario: Scenario,
+    mounts: Sequence[Mount],
+    catalogue: Sequence[CatalogueCamera],
+    *,
+    pixel_class: str | None = None,
+    off_max_s: float | None = None,
+    unseen_max_m: float | None = None,
+    keep: bool = True,
+    objective: str | None = None,
+    count: int | None = None,
+    budget: float | None = None,
+    aim_step_deg: float = 15.0,
+    time_limit_s: float = 60.0,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> DesignedWorld:
+    """Choose cameras, places and directions for a world.
+
+    Parameters
+    ----------
+    scenario : the world; its fixed cameras stay (``keep``) or are taken away
+    mounts, catalogue : where cameras may be, and which
+    pixel_class : what an image must show of a target that counts as seen, of EN 62676-4:2015; it decides how far each
+        camera sees, those that stand too. None: ``detect`` for the catalogue, and those that stand as they are
+    off_max_s, unseen_max_m : longest time and way out of view; None: the world's
+    objective : ``cheapest`` (default), ``fewest``, or ``margin``: the shortest out of view with at most ``count``
+        cameras, within ``budget``, or with the fewest that keep the limit
+    count, budget : most cameras, and most money, that may be added
+    aim_step_deg : between two directions of a candidate, degrees
+    time_limit_s, seed, progress : of ``place_cameras``
+
+    Raises
+    ------
+    CertificateError
+        Not even all candidates are enough, or the certifier does not confirm the answer.
+    """
+    if budget is not None and (count is not None or objective == "fewest"):
+        other = f"--count {count}" if count is not None else "--objective fewest"
+        raise ConfigError(f"--budget {budget:g} with {other}: money bounds the price; give one of them")
+    if pixel_class is not None and keep:
+        scenario = restate_pixels(scenario, pixel_class)
+    sites = site_ways(scenario)
+    limit = limit_of(scenario, off_max_s, unseen_max_m)
+    _ask_for_something(sites, limit)
+    models = [camera.model(pixels_per_metre(pixel_class or "detect")) for camera in catalogue]
+    candidates = candidates_at(mounts, models, aim_step_deg)
+    price = np.array([c.price for c in catalogue])[candidates.model]
+    price = price + np.array([m.cost for m in mounts])[candidates.mount]
+    standing = scenario.fixed_cameras if keep else ()
+    seeing, parts = _look(sites, candidates, models, bool(standing), limit)
+    roads, cover = ways_as_one(parts)
+    n = len(seeing)
+    there = n + np.arange(len(standing))
+    by_count = objective == "fewest" or count is not None or (objective == "margin" and budget is None)
+    weight = np.ones(n + len(there)) if by_count else np.r_[price[seeing], np.ones(len(there))]
+
+    def place(share: float) -> Placement:
+        return place_cameras(
+            roads, cover, n + len(there), share * (1.0 - _SPARE), costs=weight, standing=there,
+            exact_limit=len(weight), time_limit_s=time_limit_s, seed=seed, progress=progress,
+        )  # fmt: skip
+
+    found, share = best_placement(place, 1.0, count, objective, budget)
+    chosen = seeing[found.chosen]
+    designed = world_with(scenario, candidates, mounts, models, chosen, keep, limit)
+    certified = _confirm(designed, limit, share)
+    cameras = [_row(candidates, mounts, catalogue, k) for k in chosen.tolist()]
+    for row, camera in zip(cameras, designed.fixed_cameras[len(standing) :], strict=True):
+        row["name"] = camera.name
+    report: dict[str, Any] = {
+        "promise": certified.report["promise"],
+        **found.as_dict(),
+        "certified": certified.report["promise"]["verdict"] == "certified",
+        "optimal": found.optimal,
+        "objective": objective or ("margin" if count is not None else "cheapest"),
+        "minimised": "cameras" if by_count else "price",
+        "price": float(price[chosen].sum()),
+        "budget": budget,
+        "cameras": cameras,
+        "standing": [camera.name for camera in standing],
+        "mounts": len(mounts),
+        "candidates": len(candidates),
+        "candidates_that_see": n,
+        "pixel_class": pixel_class or "detect",
+        "pixels_per_m": pixels_per_metre(pixel_class or "detect"),
+        "limit_m": limit.off_m,
+        "limit_s": limit.off_s,
+        "limit_source": limit.source,
+        "share_of_limit": share,
+        "target_class": certified.report["target_class"],
+    }
+    return DesignedWorld(report, certified, designed)
+
+
+def _ask_for_something(sites: Sequence[SiteWays], limit: Limit) -> None:
+    """Refuse limits that no way of a class exceeds: no camera would be asked for, and nobody would see the target."""
+    for site in sites:
+        for ways in site.ways:
+            reach = reachable_arcs(ways)
+            endless = len(ways.roads.successor) > 0 and bool(np.diff(ways.roads.successor_ptr)[reach].any())
+            length = float(ways.roads.length_m[reach].sum())
+            arcs = np.arange(ways.roads.n_arcs)
+            seconds = float(ways.time(arcs, ways.roads.length_m)[reach].sum())
+            if endless or length > (limit.off_m or np.inf) or seconds > (limit.off_s or np.inf):
+                continue
+            raise ConfigError(
+                f"what is allowed out of view ({limit.source}) is more than the whole way of {', '.join(site.names)}, "
+                f"{length:.4g} m in {seconds:.4g} s: nothing asks for a camera; allow less"
+            )
+
+
+def _look(
+    sites: Sequence[SiteWays],
+    candidates: Candidates,
+    models: Sequence[CameraModel],
+    with_standing: bool,
+    limit: Limit,
+) -> tuple[IntArray, list[LimitedWays]]:
+    """Return the candidates that see something, and what each sees of all ways; standing cameras come after them."""
+    everything = np.arange(len(candidates))
+    found: list[tuple[Ways, Coverage, Coverage | None]] = []
+    for site in sites:
+        features, solids = target_features(site.network), solids_of(site.network)
+        views, _ = fixed_views(site.network)
+        for ways in site.ways:
+            cover = _cover(ways, candidates, models, everything, solids, features)
+            own = cover_ways(ways, views, solids, features) if with_standing and views is not None else None
+            found.append((ways, cover, own))
+    seeing = np.unique(np.concatenate([cover.camera for _, cover, _ in found]))
+    if len(seeing) == 0:
+        raise CertificateError(
+            f"none of the {len(candidates)} candidates sees any way: are the mounts in the world's metres, "
+            "and do they look at the ways?"
+        )
+    number = np.zeros(len(candidates), dtype=np.int64)
+    number[seeing] = np.arange(len(seeing))
+    parts = []
+    for ways, cover, own in found:
+        numbered = Coverage(
+            cover.arc, number[cover.camera], cover.start_m, cover.end_m, cover.depth_m, cover.deepest_m
+        )
+        both = numbered if own is None else join_coverage(numbered, own, len(seeing))
+        parts.append(LimitedWays(ways, both, limit.off_m, limit.off_s))
+    return seeing, parts
+
+
+def _cover(
+    ways: Ways,
+    candidates: Candidates,
+    models: Sequence[CameraModel],
+    rows: IntArray,
+    solids: Any,  # noqa: ANN401 - Solids
+    features: Array,
+) -> Coverage:
+    """Look along the ways with all candidates, some at a time."""
+    whole: Coverage | None = None
+    parts: list[tuple[Coverage, int]] = []
+    for first in range(0, len(rows), _BLOCK):
+        views: Views = candidates.views(models, rows[first : first + _BLOCK])
+        parts.append((cover_ways(ways, views, solids, features), first))
+    names = ("arc", "start_m", "end_m", "depth_m", "deepest_m")
+    arc, start, end, depth, at = (np.concatenate([getattr(c, n) for c, _ in parts]) for n in names)
+    camera = np.concatenate([c.camera + first for c, first in parts])
+    order = np.lexsort((start, arc))
+    whole = Coverage(arc[order], camera[order], start[order], end[order], depth[order], at[order])
+    return whole
+
+
+def world_with(
+    scenario: Scenario,
+    candidates: Candidates,
+    mounts: Sequence[Mount],
+    models: Sequence[CameraModel],
+    chosen: IntArray,
+    keep: bool,
+    limit: Limit,
+) -> Scenario:
+    """Return the world with the chosen cameras, what is allowed out of view stated in it."""
+    standing = scenario.fixed_cameras if keep else ()
+    used = {camera.camera for camera in standing}
+    kinds = {model.name: model for model in scenario.cameras if model.name in used}
+    model_of: dict[int, str] = {}
+    taken = {camera.name for camera in standing}
+    added = []
+    for k in chosen.tolist():
+        number = int(candidates.model[k])
+        if number not in model_of:
+            name = _free_name(models[number].name, kinds)
+            model_of[number] = name
+            kinds[name] = models[number].model_copy(update={"name": name})
+        name = _free_name(mounts[int(candidates.mount[k])].name.replace(" ", "_"), taken)
+        taken.add(name)
+        place = tuple(candidates.position_m[k].tolist())
+        look = tuple(candidates.look_at_m[k].tolist())
+        pose = FixedPose(position_m=place, look_at_m=look)
+        added.append(FixedCamera(name=name, camera=model_of[number], pose=pose))
+    change: dict[str, Any] = {
+        "name": f"{scenario.name}_design",
+        "cameras": tuple(kinds.values()),
+        "fixed_cameras": (*standing, *added),
+    }
+    if limit.off_s is not None:
+        change["certificate"] = scenario.certificate.model_copy(update={"off_max_s": limit.off_s})
+    return scenario.model_copy(update=change)
+
+
+def _free_name(name: str, taken: Any) -> str:  # noqa: ANN401 - anything with names in it
+    if name not in taken:
+        return name
+    return next(f"{name}_{k}" for k in itertools.count(2) if f"{name}_{k}" not in taken)
+
+
+def _confirm(designed: Scenario, limit: Limit, share: float) -> Certified:
+    """Certify the designed world anew, for the share of the limit that was found.
+
+    Raises
+    ------
+    CertificateError
+        The certifier does not confirm what the solver found.
+    """
+    if not designed.fixed_cameras:
+        raise CertificateError("the design has no camera: nothing asks for one; allow less out of view")
+    off_s, off_m = (None if v is None else share * v for v in (limit.off_s, limit.off_m))
+    certified = certify_world(designed, off_max_s=off_s, off_max_m=off_m)
+    promise = certified.report["promise"]
+    if promise["verdict"] != "certified":
+        why = "; ".join(promise["reasons"])
+        raise CertificateError(f"the certifier does not confirm the solver's answer: {why}")
+    return certified
+
+
+def _row(
+    candidates: Candidates, mounts: Sequence[Mount], catalogue: Sequence[CatalogueCamera], k: int
+) -> dict[str, Any]:
+    x, y, z = candidates.position_m[k].tolist()
+    mount, camera = mounts[int(candidates.mount[k])], catalogue[int(candidates.model[k])]
+    return {
+        "name": mount.name,
+        "camera": camera.name,
+        "mount": mount.name,
+        "x": x,
+        "y": y,
+        "z": z,
+        "pan_deg": (float(candidates.pan_deg[k]) + 180.0) % 360.0 - 180.0,
+        "tilt_deg": float(candidates.tilt_deg[k]),
+        "price": camera.price + mount.cost,
+    }
