@@ -52,6 +52,11 @@ class FlowTargetClass:
     spread_m: float = 0.0
     source: str = "stated"
 
+    @property
+    def least_mu(self) -> float:
+        """Least logarithmic norm taken, 1/s: a statistical e_v is the growth of whole gaps' errors, none contracts."""
+        return 0.0 if self.source == "statistical" else -math.inf
+
 
 @dataclass(frozen=True, eq=False)
 class FlowExit:
@@ -218,6 +223,7 @@ def _worst(
             tolerance=1e-2,
             max_cells=600,
             stop_radius_m=largest,
+            least_mu=target.least_mu,
         )
         reach = TubeReach(tube)
         result = certify_crossing(
@@ -255,6 +261,7 @@ def _entry(
         tolerance=1e-2,
         max_cells=600,
         stop_radius_m=view.radius_m,
+        least_mu=target.least_mu,
     )
     learned: dict[str, object] = {
         "verdict": crossing.verdict,

@@ -174,10 +174,10 @@ def _transition(
         },
     }
     if growth is not None:
-        trusted = growth.allowed_time(sink.radius_m, target.v_max_mps)
+        trusted = growth.allowed_time(sink.radius_m)
         out["learned"] = {
             "verdict": "not certified",
-            "margin_m": sink.radius_m - growth.error_at(earliest, target.v_max_mps),
+            "margin_m": sink.radius_m - growth.error_at(earliest),
             "margin_s": _finite(trusted - earliest),
             "binding": "a free target may stay away for ever",
             "largest_model_error_mps": growth.largest_model_error(sink.radius_m, earliest, target.v_max_mps),

@@ -5,7 +5,7 @@ r"""Sharp growth of the position error while a target is unseen (the ``learned``
 | phi_hat(x) = W_hat^T sigma(x) | ``PlanarField`` | m/s | learned velocity (harris2020 (3-15)) |
 | mu | ``log_norm_sup`` | 1/s | sup of lambda_max((J + J^T)/2) over a disc |
 | e_v | ``model_error_mps`` | m/s | sup of the model's velocity error |
-| e(tau) | ``Tube.radius_m`` | m | e' <= min(mu e + e_v, 2 v_max) |
+| e(tau) | ``Tube.radius_m`` | m | e' <= min(mu e + e_v, v_max + norm(phi_hat)) |
 
 The derivation is in docs/theory.md, section 8. ``e`` bounds the distance of the target from the predicted path. The
 supremum is bounded rigorously: derivatives of Gaussian kernels have closed-form bounds, cells of the disc are divided
@@ -167,11 +167,14 @@ def log_norm_sup(
     return LogNormBound(float(upper) + rest, float(lower) - rest, int(cells))
 
 
-def error_after(mu: float, e0_m: float, model_error_mps: float, v_max_mps: float, t_s: float) -> float:
-    """Return the error's bound after ``t_s`` for a constant logarithmic norm, m."""
+def error_after(mu: float, e0_m: float, model_error_mps: float, apart_mps: float, t_s: float) -> float:
+    """Return the error's bound after ``t_s`` for a constant logarithmic norm, m.
+
+    ``apart_mps`` bounds the sum of the speeds of target and prediction; infinite where the prediction has no bound.
+    """
     growth = math.expm1(min(mu * t_s, 700.0))
     driven = model_error_mps * (growth / mu if abs(mu) * t_s > 1e-12 else t_s)
-    return min(e0_m * (1.0 + growth) + driven, e0_m + 2.0 * v_max_mps * t_s)
+    return min(e0_m * (1.0 + growth) + driven, e0_m + (apart_mps * t_s if t_s > 0.0 else 0.0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -208,8 +211,11 @@ def error_tube(
     tolerance: float = 2e-3,
     stop_radius_m: float = math.inf,
     max_cells: int = 2000,
+    least_mu: float = -math.inf,
 ) -> Tube:
-    """Propagate the bound e' <= min(mu e + e_v, 2 v_max) along the predicted path.
+    """Propagate the bound e' <= min(mu e + e_v, v_max + norm(phi_hat)) along the predicted path.
+
+    Nothing limits the prediction's speed but the learned field itself, so that its own speed along the path counts.
 
     Parameters
     ----------
@@ -217,11 +223,12 @@ def error_tube(
     start : (2,) predicted position when the target is lost, m
     e0_m : bound of its error
     model_error_mps : e_v, valid wherever the tube goes
-    v_max_mps : bound of both speeds
+    v_max_mps : bound of the target's speed
     horizon_s, step_s : length and step
     tolerance : of the logarithmic norm, 1/s
     stop_radius_m : the tube ends once its radius exceeds this
     max_cells : effort of each step's bound; fewer cells make a wider, still valid, tube
+    least_mu : the logarithmic norm is taken as no smaller, 1/s; 0 where e_v is the growth of errors at gaps' ends
 
     Returns
     -------
@@ -236,10 +243,12 @@ def error_tube(
         p, e = path[-1], radius[-1]
         reach = field._path_reach(p, h)
         previous = mus[-1] if mus else 0.0
-        mu = _step_norm(field, p, e, e_v, v_max_mps, h, reach, previous, tolerance, max_cells)
+        apart = v_max_mps + reach / h
+        mu = _step_norm(field, p, e, e_v, apart, h, reach, previous, tolerance, max_cells)
+        mu = max(mu, least_mu)
         after, slip = _step(field, p, h)
         path.append(after)
-        radius.append(error_after(mu, e, e_v, v_max_mps, h) + slip)
+        radius.append(error_after(mu, e, e_v, apart, h) + slip)
         mus.append(mu)
         if radius[-1] > stop_radius_m:
             break
@@ -252,7 +261,7 @@ def _step_norm(
     p: Array,
     e: float,
     e_v: float,
-    v_max_mps: float,
+    apart_mps: float,
     h: float,
     reach: float,
     previous: float,
@@ -264,11 +273,11 @@ def _step_norm(
     A disc that allows the error a little growth is tried first: if the bound that follows stays within it, the error
     cannot have left it (it would have to pass through). Otherwise the disc of the speed bound is taken.
     """
-    guess = 1.02 * max(e, error_after(previous + 10.0 * tolerance, e, e_v, v_max_mps, h)) + 1e-6
-    allowed = e + 2.0 * v_max_mps * h
+    guess = 1.02 * max(e, error_after(previous + 10.0 * tolerance, e, e_v, apart_mps, h)) + 1e-6
+    allowed = e + apart_mps * h
     if guess < allowed:
         mu = log_norm_sup(field, p, guess + reach, tolerance, max_cells).upper
-        if error_after(mu, e, e_v, v_max_mps, h) <= guess:
+        if error_after(mu, e, e_v, apart_mps, h) <= guess:
             return mu
     return log_norm_sup(field, p, allowed + reach, tolerance, max_cells).upper
 

@@ -5,7 +5,7 @@ r"""Verdicts for every transition of a camera network on roads, and for the netw
 | l_max / v_lo | | s | latest re-sighting of a road-bound target |
 | T | ``off_max_s``, ``off_max_m`` | s, m | what is allowed out of view |
 | Dt_off, Dt_on | ``dwell`` | s | dwell times that the estimator's analysis proves |
-| r(tau) = e(tau) + rho | ``allowed_time`` | m | ball of the ``learned`` certificate; e' <= min(mu e + e_v, 2 v_max) |
+| r(tau) = e(tau) + rho | ``allowed_time`` | m | ball of the ``learned`` certificate; e' <= mu e + e_v |
 
 ``unseen``: l_max / v_lo <= T and chord / v_max >= ``on_min_s``. ``sound``: the same with the proven Dt_off and Dt_on.
 ``learned``: the ball fits the next view at the latest time at which the target is where it fits best,
@@ -81,31 +81,30 @@ class GrowthModel:
     mu_per_s: float = 0.0
     source: str = "stated"
 
-    def allowed_time(self, radius_m: float, v_max_mps: float) -> float:
+    def allowed_time(self, radius_m: float) -> float:
         """Return the time until the error reaches a radius, s (inf if it never does)."""
         if radius_m < self.e0_m:
             return 0.0
         horizon = 1.0
-        while self.error_at(horizon, v_max_mps) < radius_m:
+        while self.error_at(horizon) < radius_m:
             horizon *= 2.0
             if horizon > 1e7:
                 return math.inf
-        return float(brentq(lambda t: self.error_at(t, v_max_mps) - radius_m, 0.0, horizon, xtol=1e-10))
+        return float(brentq(lambda t: self.error_at(t) - radius_m, 0.0, horizon, xtol=1e-10))
 
     def largest_model_error(self, radius_m: float, time_s: float, v_max_mps: float) -> float | None:
         """Return the largest e_v for which the error is within a radius at a time, m/s; None if there is none."""
-        at_zero = error_after(self.mu_per_s, self.e0_m, 0.0, v_max_mps, time_s)
-        if not math.isfinite(time_s) or at_zero > radius_m:
+        if not math.isfinite(time_s) or self.e0_m * math.exp(min(self.mu_per_s * time_s, 700.0)) > radius_m:
             return None
-        if self.e0_m + 2.0 * v_max_mps * time_s <= radius_m:
-            return 2.0 * v_max_mps  # no model is needed
+        if time_s <= 0.0:
+            return 2.0 * v_max_mps
         x = self.mu_per_s * time_s
         gain = math.expm1(x) / self.mu_per_s if abs(x) > 1e-12 else time_s
         return min((radius_m - self.e0_m * math.exp(x)) / gain, 2.0 * v_max_mps)
 
-    def error_at(self, t_s: float, v_max_mps: float) -> float:
-        """Return the error's bound at a time, m."""
-        return error_after(self.mu_per_s, self.e0_m, self.model_error_mps, v_max_mps, t_s)
+    def error_at(self, t_s: float) -> float:
+        """Return the error's bound at a time, m; nothing limits the prediction's speed, so that none limits it."""
+        return error_after(self.mu_per_s, self.e0_m, self.model_error_mps, math.inf, t_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +183,8 @@ def _by_growth(
     """Compare the time to the deepest point of the next view with the time at which the ball outgrows it there."""
     radius, arrival = _meeting(gaps, target)
     unique, inverse = np.unique(np.round(radius, 9), return_inverse=True)
-    allowed = np.array([growth.allowed_time(r, target.v_max_mps) for r in unique])[inverse]
-    error = np.array([growth.error_at(t, target.v_max_mps) if np.isfinite(t) else math.inf for t in arrival])
+    allowed = np.array([growth.allowed_time(r) for r in unique])[inverse]
+    error = np.array([growth.error_at(t) if np.isfinite(t) else math.inf for t in arrival])
     chord = gaps.stretches.chord_m[gaps.entry_stretch]
     on = 0.0 if on_min_s is None else on_min_s
     in_s = np.where(np.isinf(chord), math.inf, chord / target.v_max_mps - on)

@@ -144,6 +144,14 @@ def add_pixel_class(group: Any, words: str) -> None:  # noqa: ANN401 - argparse 
     )
 
 
+def _share(text: str) -> float:
+    """Parse a number strictly between 0 and 1, for argparse."""
+    value = positive(text)
+    if value >= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number between 0 and 1 was expected")
+    return value
+
+
 def add_target_class(parser: argparse.ArgumentParser) -> None:
     """Add the target class and the dwell times that a designer states."""
     group = parser.add_argument_group("target class and dwell times (defaults: the world's)")
@@ -171,7 +179,17 @@ def add_target_class(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--on-min", type=positive, metavar="S", help="least time in view needed, s")
     group.add_argument(
-        "--model-error", type=positive, metavar="MPS", help="stated velocity error of the model, m/s"
+        "--model-error",
+        type=_model_error,
+        metavar="MPS",
+        help="stated velocity error of the model, m/s; or 'conformal': from the gaps of --learn or --model, no truth "
+        "needed",
+    )
+    group.add_argument(
+        "--confidence",
+        type=_share,
+        metavar="P",
+        help="of --model-error conformal: share of the gaps that keep to it, statistically (default 0.95)",
     )
     group.add_argument(
         "--initial-error", type=positive, metavar="M", help="position error when a target is lost, m"
@@ -234,6 +252,25 @@ def _certify(args: argparse.Namespace) -> tuple[Any, Any]:
     return (_city(args) if args.roads is not None else _open_site(args)), None
 
 
+def _model_error(text: str) -> float | str:
+    """Parse a velocity, m/s, or the word ``conformal``, for argparse."""
+    return text if text == "conformal" else positive(text)
+
+
+def _asked_error(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
+    """Return e_v as ``certify_world`` takes it."""
+    from camnet.certification.model_error import Conformal
+    from camnet.errors import ConfigError
+
+    if args.model_error == "conformal":
+        return Conformal(0.95 if args.confidence is None else args.confidence)
+    if args.confidence is not None:
+        raise ConfigError(
+            f"--confidence {args.confidence:g}: is of --model-error conformal; add that or leave it out"
+        )
+    return args.model_error
+
+
 def _world(args: argparse.Namespace) -> tuple[Any, Any]:
     from camnet.errors import ConfigError
     from camnet.experiments.certify_world import certify_world
@@ -247,7 +284,7 @@ def _world(args: argparse.Namespace) -> tuple[Any, Any]:
     roads = any(isinstance(t.motion, RoadTarget) for t in scenario.targets)
     if args.model_error is not None and not (roads or args.learn or args.model):
         raise ConfigError(
-            f"--model-error {args.model_error:g}: is the error of a motion model; add --learn or --model FILE"
+            f"--model-error {args.model_error}: is the error of a motion model; add --learn or --model FILE"
         )
     if args.initial_error is not None:
         certificate = scenario.certificate.model_copy(update={"initial_error_m": args.initial_error})
@@ -261,7 +298,7 @@ def _world(args: argparse.Namespace) -> tuple[Any, Any]:
         off_max_s=args.off_max,
         off_max_m=args.unseen_max_m,
         on_min_s=args.on_min,
-        model_error_mps=args.model_error,
+        model_error_mps=_asked_error(args),
         at_once=args.targets,
     )
     return certified, model
@@ -310,7 +347,12 @@ def learned_model(args: argparse.Namespace, scenario: Any) -> Any:  # noqa: ANN4
 
 def _growth(args: argparse.Namespace, e0_m: float) -> Any:  # noqa: ANN401 - imported late
     from camnet.certification.transitions import GrowthModel
+    from camnet.errors import ConfigError
 
+    if args.model_error == "conformal":
+        raise ConfigError(
+            "--model-error conformal: is from the gaps of a world's learned model; state m/s here"
+        )
     return None if args.model_error is None else GrowthModel(e0_m, args.model_error)
 
 

@@ -25,6 +25,7 @@ _USED_BY = {
     "unseen_max_m": ("world", "roads"),
     "stop_s": ("roads",),
     "check": ("roads",),
+    "confidence": ("world",),
     "on_min": ("world", "roads"),
 }
 _OPTION = {"overrides": "--set", "pixel_class": "--class"}

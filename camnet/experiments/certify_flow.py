@@ -24,6 +24,7 @@ from camnet.certification.crossing import RegionAgent
 from camnet.certification.flow_network import FlowTargetClass, certify_flow
 from camnet.certification.free_network import GroundView, ground_views
 from camnet.certification.growth import PlanarField
+from camnet.certification.model_error import Conformal, ModelError, gap_model_error
 from camnet.certification.planar_shapes import PolygonView, convex_solids, inscribed_radius
 from camnet.certification.reachable import PlanarView
 from camnet.certification.site import views_of
@@ -39,6 +40,7 @@ from camnet.types import Array
 
 __all__ = [
     "FlowCase",
+    "calibrated_error",
     "certify_learned",
     "corridor_points",
     "flow_case",
@@ -227,10 +229,12 @@ def _runs(path: Array, chosen: Array) -> list[Array]:
 def flow_case(
     network: Network,
     model: LearnedModel,
-    model_error_mps: float | None = None,
+    model_error_mps: ModelError = None,
     off_max_s: float | None = None,
 ) -> FlowCase:
     """Put together what the learned certificate of a world is about; ``off_max_s`` None: what the world allows.
+
+    ``model_error_mps``: stated, or from the model's gaps (no truth is needed), or None: from the world's own motion.
 
     Raises
     ------
@@ -243,9 +247,13 @@ def flow_case(
         )
     settings, ground = network.scenario.certificate, ground_of(network)
     path, last = learned_path(model)
-    e_v = max(model_errors(network, model)) if model_error_mps is None else model_error_mps
     e0 = settings.initial_error_m if settings.initial_error_m is not None else _E0_M
-    source = "stated" if model_error_mps is not None else "deterministic"
+    if isinstance(model_error_mps, Conformal):
+        e_v, source = calibrated_error(model, e0, model_error_mps.confidence), "statistical"
+    elif model_error_mps is not None:
+        e_v, source = model_error_mps, "stated"
+    else:
+        e_v, source = max(model_errors(network, model)), "deterministic"
     target = FlowTargetClass(
         network.scenario.targets[0].v_max_mps, e_v, e0, spread_m=settings.corridor_m, source=source
     )
@@ -261,6 +269,15 @@ def flow_case(
         max(0.1, 2.0 * settings.corridor_m),
         region_agents(network),
     )
+
+
+def calibrated_error(model: LearnedModel, e0_m: float, confidence: float) -> float:
+    """Return e_v from the later half of a model's gaps, m/s: while it learned the earlier ones it knew less.
+
+    Each gap was predicted before it was learned from, so that all are held out.
+    """
+    late = model.gaps[len(model.gaps) // 2 :]
+    return gap_model_error(late[:, 4], late[:, 3] - late[:, 2], e0_m, confidence)
 
 
 def certify_learned(case: FlowCase, find_largest: bool = True) -> dict[str, Any]:

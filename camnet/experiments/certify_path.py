@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from camnet.certification.free_network import GroundView
+from camnet.certification.model_error import ModelError
 from camnet.certification.planar_shapes import cover_regions
 from camnet.certification.promise import Promise, UnseenWay, with_claims
 from camnet.certification.ways import cover_ways, join_coverage
@@ -66,7 +67,7 @@ class PathGap:
 def certify_on_path(
     network: Network,
     model: LearnedModel | None,
-    model_error_mps: float | None,
+    model_error_mps: ModelError,
     find_largest: bool,
     limit: Limit,
     *,
@@ -243,7 +244,7 @@ def _verdict(transitions: Sequence[dict[str, Any]], name: str, off: float | None
 def _learned(
     network: Network,
     model: LearnedModel,
-    model_error_mps: float | None,
+    model_error_mps: ModelError,
     find_largest: bool,
     limit: Limit,
     report: dict[str, Any],

@@ -9,12 +9,14 @@ import numpy as np
 
 from camnet.certification.coverage import Coverage
 from camnet.certification.free_network import GroundView
+from camnet.certification.model_error import Conformal, ModelError
 from camnet.certification.planar_shapes import cover_regions
 from camnet.certification.promise import with_claims
 from camnet.certification.road_gaps import RoadGaps, road_gaps
 from camnet.certification.site import certify_road_site, road_segments_with_verdict
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
 from camnet.certification.ways import Ways, cover_ways, join_coverage
+from camnet.errors import CertificateError
 from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import ground_of
 from camnet.experiments.promise_mobile import apply_refusals, mobile_road_promise
@@ -81,7 +83,7 @@ def certify_on_roads(
     network: Network,
     motions: Sequence[RoadMotion],
     names: Sequence[str],
-    model_error_mps: float | None,
+    model_error_mps: ModelError,
     limit: Limit,
     *,
     on_min_s: float | None = None,
@@ -91,6 +93,10 @@ def certify_on_roads(
     case = road_world(network, motions)
     off, on, source = dwell_times(network)
     growth = None
+    if isinstance(model_error_mps, Conformal):
+        raise CertificateError(
+            "--model-error conformal: targets on roads have no learned flow to calibrate; state the error in m/s"
+        )
     if model_error_mps is not None:
         e0 = network.scenario.certificate.initial_error_m
         growth = GrowthModel(0.05 if e0 is None else e0, model_error_mps)

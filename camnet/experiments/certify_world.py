@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from camnet.certification.free_network import FreeTargetClass, GroundView, certify_free
+from camnet.certification.model_error import ModelError
 from camnet.certification.promise import Promise, join_promises, with_claims
 from camnet.config.models import Scenario
 from camnet.errors import CertificateError
@@ -49,7 +50,7 @@ def certify_world(
     off_max_s: float | None = None,
     off_max_m: float | None = None,
     on_min_s: float | None = None,
-    model_error_mps: float | None = None,
+    model_error_mps: ModelError = None,
     find_largest: bool = True,
     at_once: int | None = None,
 ) -> Certified:
@@ -61,7 +62,7 @@ def certify_world(
     model : learned motion model of the first target, or of several by their names, for ``learned`` along a flow
     off_max_s, off_max_m : what is allowed out of view, instead of the world's
     on_min_s : least time in view that is asked for after each gap
-    model_error_mps : stated e_v, instead of the one from the world's own motion
+    model_error_mps : stated e_v, or one calibrated on the model's gaps, instead of the one from the world's own motion
     find_largest : also find the largest tolerable e_v of each transition, which takes most of the time
     at_once : how many targets at the same time are asked for; None: as many as the world has
 
@@ -98,7 +99,7 @@ def _one_class(
     group: TargetGroup,
     limit: Limit,
     on_min_s: float | None,
-    model_error_mps: float | None,
+    model_error_mps: ModelError,
     find_largest: bool,
     at_once: int,
 ) -> Certified:

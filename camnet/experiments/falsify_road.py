@@ -139,7 +139,7 @@ def _drive(
         sign = np.where(plan[_TURNS:] < 0.5, -1.0, 1.0)
         durations = way / _SPEEDS / speeds
         error = case.growth.e0_m + case.growth.model_error_mps * np.abs(np.cumsum(sign * durations)).max()
-        bound = case.growth.error_at(time_s, target.v_max_mps)
+        bound = case.growth.error_at(time_s)
         learned.violations += int(error > bound + _TOLERANCE)
         learned.closest = max(learned.closest, float(error / bound))
     return share

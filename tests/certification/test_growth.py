@@ -21,6 +21,7 @@ from camnet.certification.growth import (
     lyapunov_model_error,
 )
 from camnet.certification.growth_kernel import third_derivative_bound
+from camnet.certification.model_error import Conformal, gap_model_error
 from camnet.errors import CertificateError
 
 
@@ -88,12 +89,34 @@ def test_an_early_stop_stays_on_the_safe_side():
 
 def test_error_after_known_values():
     # parallel flow: 0.03 m and 0.02 m/s make a ball of 0.43 m after 20 s
-    assert error_after(0.0, 0.03, 0.02, 0.25, 20.0) == pytest.approx(0.43, rel=1e-12)
-    assert error_after(0.3, 0.1, 0.05, 9.0, 2.0) == pytest.approx(
+    assert error_after(0.0, 0.03, 0.02, 0.5, 20.0) == pytest.approx(0.43, rel=1e-12)
+    assert error_after(0.3, 0.1, 0.05, math.inf, 2.0) == pytest.approx(
         0.1 * math.exp(0.6) + 0.05 * (math.exp(0.6) - 1) / 0.3, rel=1e-12
     )
-    assert error_after(5.0, 0.1, 0.5, 0.25, 20.0) == pytest.approx(0.1 + 10.0)  # never more than 2 v_max tau
-    assert error_after(-0.5, 1.0, 0.1, 9.0, 100.0) == pytest.approx(0.2, rel=1e-9)  # contracting: e_v/|mu|
+    assert error_after(5.0, 0.1, 0.5, 0.5, 20.0) == pytest.approx(
+        0.1 + 10.0
+    )  # never more than both speeds allow
+    assert error_after(-0.5, 1.0, 0.1, 18.0, 100.0) == pytest.approx(0.2, rel=1e-9)  # contracting: e_v/|mu|
+    assert error_after(0.0, 0.1, 0.5, math.inf, 0.0) == 0.1
+
+
+def test_a_prediction_faster_than_the_target_is_counted_with_its_own_speed():
+    """Defect: e(0) + 2 v_max tau took the predictor's speed for v_max: 1.115 m apart, the bound said 1.000 m.
+
+    A steep field drives the prediction at 0.615 m/s, the target goes the other way at its v_max of 0.5 m/s.
+    """
+    centres = [[x, y] for x in np.arange(-4.0, 4.1, 0.5) for y in np.arange(-2.0, 2.1, 0.5)]
+    flat = PlanarField.create(centres, 1.0 / 0.5**2, np.tile([1.0, 0.0], (len(centres), 1)))
+    scale = 0.615 / np.linalg.norm(flat.velocity([0.0, 0.0]))
+    field = PlanarField.create(centres, 1.0 / 0.5**2, np.tile([scale, 0.0], (len(centres), 1)))
+    v_max, p_hat = 0.5, np.zeros(2)
+    tube = error_tube(field, p_hat, 0.0, 5.0, v_max, 1.0, step_s=0.05)
+    for _ in range(1000):
+        p_hat = p_hat + 1e-3 * field.velocity(p_hat)
+    apart = float(np.linalg.norm(p_hat - np.array([-v_max, 0.0])))
+    assert apart == pytest.approx(1.115, abs=5e-3)
+    assert apart > 2.0 * v_max * 1.0
+    assert apart <= tube.radius_m[-1] < 1.25
 
 
 @pytest.mark.parametrize("policy", ["outward", "random", "constant"])
@@ -124,7 +147,7 @@ def test_tube_is_far_below_the_lipschitz_and_the_free_bound():
     tube = error_tube(field, [2.0, 0.0], 0.03, 0.01, 0.35, 10.0)
     lipschitz = np.linalg.norm(field.jacobian(tube.centre_m), 2, axis=(1, 2)).max()
     assert tube.radius_m[-1] < 0.3 * (0.03 + 2 * 0.35 * 10)
-    assert tube.radius_m[-1] < error_after(lipschitz, 0.03, 0.01, 0.35, 10.0)
+    assert tube.radius_m[-1] < error_after(lipschitz, 0.03, 0.01, 0.7, 10.0)
     assert tube.trust_horizon_s(tube.radius_m[50]) >= tube.t_s[50]
     assert tube.trust_horizon_s(0.0) == 0.0
 
@@ -163,3 +186,34 @@ def test_bad_fields_are_refused():
         PlanarField.create(np.zeros((3, 4)), 1.0, np.zeros((3, 2)))
     with pytest.raises(CertificateError, match="positive definite"):
         PlanarField.create(np.zeros((3, 2)), -1.0, np.zeros((3, 2)))
+
+
+def test_a_statistical_error_is_not_made_smaller_by_a_contracting_field():
+    contracting = PlanarField.create([[0.0, 0.0], [1.0, 0.0]], 1.0, [[0.5, 0.0], [-0.5, 0.0]])
+    start = [0.5, 0.0]
+    for field in (contracting, random_field(2)):
+        kept = error_tube(field, start, 0.1, 0.05, 1.0, 3.0, least_mu=0.0)
+        assert (kept.mu_per_s >= 0.0).all()
+        assert kept.radius_m[-1] >= 0.1 + 0.05 * 3.0 - 1e-9
+    rings = [[math.cos(a), math.sin(a)] for a in np.linspace(0.0, 2.0 * math.pi, 13)[:-1]]
+    sink = PlanarField.create(rings, 2.0, -np.array(rings))
+    free, kept = (error_tube(sink, [0.0, 0.0], 0.1, 0.02, 2.0, 3.0, least_mu=m) for m in (-math.inf, 0.0))
+    assert free.radius_m[-1] < 0.1 < 0.1 + 0.02 * 3.0 - 1e-9 <= kept.radius_m[-1]
+
+
+def test_conformal_error_of_whole_gaps_covers_held_out_gaps():
+    """Split conformal over gaps of random length: of those held out the share asked for keeps it."""
+    rng, confidence, kept, e0 = np.random.default_rng(0), 0.9, [], 0.03
+    for _ in range(400):
+        durations = rng.uniform(4.0, 20.0, 60)
+        errors = rng.uniform(0.0, e0, 60) + durations * rng.gamma(2.0, 0.01, 60)
+        e_v = gap_model_error(errors[:40], durations[:40], e0, confidence)
+        kept.append(np.mean(errors[40:] <= e0 + e_v * durations[40:]))
+    assert confidence - 0.01 <= np.mean(kept) <= confidence + 0.04
+    with pytest.raises(CertificateError, match="at least 19 gaps"):
+        gap_model_error(np.ones(18), np.ones(18), 0.0, 0.95)
+    assert gap_model_error(np.arange(19.0), np.ones(19), 0.0, 0.95) == 18.0
+    with pytest.raises(CertificateError, match="duration"):
+        gap_model_error([0.1], [0.0], 0.0, 0.5)
+    with pytest.raises(CertificateError, match="confidence"):
+        Conformal(1.0)
