@@ -72,6 +72,7 @@ EXPERIMENTS = {
         "camnet.experiments.key_frame_position",
         "a camera's position over 250 m, a landmark once a loop (bell2019, ch. 4)",
         5,
+        takes_images=True,
     ),
     "moving-target": Experiment(
         "camnet.experiments.moving_target",

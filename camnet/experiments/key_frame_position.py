@@ -20,9 +20,11 @@ import numpy as np
 from scipy.stats import t as student
 
 from camnet.errors import ConfigError
+from camnet.estimation.structure.odometry import OdometryErrors
+from camnet.experiments.key_frame_images import RenderedKeyFrames, image_setup
 from camnet.experiments.key_frame_position_run import ROWS, PositionRun, run_scene
 from camnet.experiments.key_frame_setup import CASES, SetUp, make_scene
-from camnet.experiments.key_frame_tracks import SimulatedKeyFrames
+from camnet.experiments.key_frame_tracks import SimulatedKeyFrames, TrackedKeyFrame
 from camnet.geometry.pinhole import Pinhole
 from camnet.report.key_frame_position import write_key_frame_position
 
@@ -57,8 +59,12 @@ def run(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
     setup: SetUp | None = None,
+    images: bool = False,
 ) -> dict[str, Any]:
     """Run every case for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
+
+    With ``images`` corners are found and followed in rendered images of two loops (`key_frame_images`), without map
+    reuse: nothing recognises a place in them.
 
     Raises
     ------
@@ -67,8 +73,9 @@ def run(
     """
     if seeds < 1:
         raise ConfigError(f"seeds: {seeds!r} is not a number of runs; give at least 1")
-    setup = setup or SetUp()
+    setup = setup or (image_setup(SetUp()) if images else SetUp())
     results: dict[str, dict[str, list[PositionRun]]] = {}
+    drawn = {seed + k: draw_key_frames(setup, seed + k) for k in range(seeds)} if images else {}
     for c, case in enumerate(CASES):
         results[case] = {}
         for k in range(seeds):
@@ -77,12 +84,12 @@ def run(
                 if progress is not None:
                     progress((done + share / seeds) / len(CASES))
 
-            for gate, one in run_case(setup, case, seed + k, tell).items():
+            for gate, one in run_case(setup, case, seed + k, tell, drawn.get(seed + k)).items():
                 results[case].setdefault(gate, []).append(one)
     content = {
         "experiment": EXPERIMENT,
         "seeds": seeds,
-        "input": "simulated tracks",
+        "input": "rendered images" if images else "simulated tracks",
         "cases": {
             case: {gate: summary(runs) for gate, runs in by_gate.items()} for case, by_gate in results.items()
         },
@@ -95,17 +102,35 @@ def run(
 
 
 def run_case(
-    setup: SetUp, case: str, seed: int, progress: Callable[[float], None] | None = None
+    setup: SetUp,
+    case: str,
+    seed: int,
+    progress: Callable[[float], None] | None = None,
+    drawn: list[TrackedKeyFrame] | None = None,
 ) -> dict[str, PositionRun]:
-    """One run of a case, by the name of the gate, such as ``3px``."""
+    """Run a case once; results by the name of the gate, such as ``3px``; ``drawn`` stands for simulated tracks."""
     scene_rng, tracks_rng, rng = np.random.default_rng(seed).spawn(3)
     scene = make_scene(setup.world, CASES[case], scene_rng)
+    if drawn is not None:
+        return _named(setup, run_scene(setup, scene, drawn, rng, None, progress))
     camera = Pinhole.from_settings(setup.world.camera)
     tracks = SimulatedKeyFrames(
         scene.points_world, scene.truth, camera, setup.key_frames, setup.noise, tracks_rng
     )
-    runs = run_scene(setup, scene, tracks, rng, tracks.visible, progress)
-    return {f"{gate:g}px": one for gate, one in runs.items()}
+    return _named(setup, run_scene(setup, scene, tracks, rng, tracks.visible, progress))
+
+
+def _named(setup: SetUp, runs: Mapping[float, PositionRun]) -> dict[str, PositionRun]:
+    """Name gates in pixels of the full resolution, at which the focal length is the default."""
+    full = SetUp().world.camera.fx_px / setup.world.camera.fx_px
+    return {f"{full * gate:.4g}px": one for gate, one in runs.items()}
+
+
+def draw_key_frames(setup: SetUp, seed: int) -> list[TrackedKeyFrame]:
+    """Key frames read from rendered images; the path is the same for all cases."""
+    scene_rng, _, _ = np.random.default_rng(seed).spawn(3)
+    scene = make_scene(setup.world, OdometryErrors(), scene_rng)
+    return list(RenderedKeyFrames(setup, scene, np.random.default_rng([seed, 1])))
 
 
 def summary(runs: Sequence[PositionRun]) -> dict[str, Any]:

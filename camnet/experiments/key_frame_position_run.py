@@ -213,8 +213,7 @@ def _filter(setup: SetUp, scene: CorridorScene, events: FilterEvents) -> FilterR
 
 def _summary(key: UsedKeyFrame, scene: CorridorScene, q_expected: Array) -> KeyFrameSummary:
     images, r = key.images, key.record
-    points = scene.points_world[key.tracked.ids]
-    d = np.linalg.norm(points - scene.truth.p_world[images, None], axis=2)
+    d = np.linalg.norm(key.tracked.points_world - scene.truth.p_world[images, None], axis=2)
     share = 100.0 * np.sum(np.abs(r.th[..., 0] - d) * r.alive, axis=1)
     share /= np.maximum(np.sum(d * r.alive, axis=1), 1e-9)
     since = int(np.argmax(r.usable)) if r.usable.any() else len(share)

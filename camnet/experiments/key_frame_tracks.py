@@ -46,12 +46,14 @@ class TrackedKeyFrame:
     ids : (N,) numbers of the points
     pixels : (T, N, 2) where they are
     seen : (T, N) whether they are tracked; lost ones do not come back
+    points_world : (N, 3) the true points, m; for what is reported, not for estimators
     """
 
     first: int
     ids: IntArray
     pixels: Array
     seen: BoolArray
+    points_world: Array
 
 
 class KeyFrameTracks(Protocol):
@@ -112,7 +114,7 @@ class SimulatedKeyFrames:
         enough = np.sum(seen, axis=1) >= self._s.least_features
         # an image without enough corners still is a key frame of its own, so that the next one can be tried
         last = max(int(np.argmin(enough)) if not enough.all() else len(enough), 1)
-        return TrackedKeyFrame(first, ids, pixels[:last], seen[:last])
+        return TrackedKeyFrame(first, ids, pixels[:last], seen[:last], self._points[ids])
 
     def _choose(self, image: int) -> IntArray:
         """Corners at least a spacing apart, in an order drawn at random."""

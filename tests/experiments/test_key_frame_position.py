@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from camnet.errors import ConfigError
+from camnet.estimation.structure.odometry import OdometryErrors
+from camnet.experiments.key_frame_images import RenderedKeyFrames, image_setup
 from camnet.experiments.key_frame_position import print_table, run, run_case
 from camnet.experiments.key_frame_position_run import ROWS
-from camnet.experiments.key_frame_setup import CASES, SetUp, WorldSettings
+from camnet.experiments.key_frame_setup import CASES, SetUp, WorldSettings, make_scene
+from camnet.geometry.pinhole import Pinhole
 
 SHORT = SetUp(world=WorldSettings(loops=1))
 
@@ -60,6 +63,25 @@ def test_equal_seeds_give_equal_runs(result):
         == result[0]["cases"]["mixed"]["3px"]["rows"]["augmented_reuse"]["rms_m"]["mean"]
     )
     assert np.all(again.error_m["dead_reckoning"][again.landmark] < 0.05)
+
+
+def test_corners_read_from_rendered_images_are_where_their_points_project():
+    setup = image_setup(SetUp())
+    scene = make_scene(setup.world, OdometryErrors(), np.random.default_rng(0))
+    frames = RenderedKeyFrames(setup, scene, np.random.default_rng(0))
+    key = next(iter(frames))
+    assert key.seen[0].sum() >= 30
+    assert 10 < len(key.seen) < 60
+    assert np.all(key.seen.sum(axis=1) >= setup.key_frames.least_features)
+    camera = Pinhole.from_settings(setup.world.camera)
+    last = len(key.seen) - 1
+    expected = camera.project_world(key.points_world, scene.truth.p_world[last], scene.truth.q_world[last])
+    off = np.linalg.norm(expected - key.pixels[last], axis=1)[key.seen[last]]
+    assert np.median(off) < 0.3
+    assert np.max(off) < 3.0
+    walls = 0.5 * np.array(setup.world.size_m) + setup.world.wall_m
+    inside = np.all(np.abs(key.points_world[:, :2]) < walls + 1e-9, axis=1)
+    assert inside.all()
 
 
 def test_no_runs_are_refused():
