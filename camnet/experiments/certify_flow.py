@@ -49,6 +49,7 @@ __all__ = [
     "model_errors",
     "region_agents",
     "solid_occluders",
+    "time_to_settle",
     "true_velocity",
 ]
 
@@ -72,6 +73,7 @@ class FlowCase:
     off_max_s : longest time out of view
     step_s, cover_m : step of the tubes and distance of samples across an exit
     agents : mobile cameras
+    on_min_s : time in view after a gap until the error is within e(0) again, for the next exit
     """
 
     ground: list[GroundView]
@@ -83,6 +85,7 @@ class FlowCase:
     step_s: float
     cover_m: float
     agents: list[RegionAgent | None] | None
+    on_min_s: float = 0.0
 
 
 def ground_of(network: Network) -> list[GroundView]:
@@ -231,8 +234,11 @@ def flow_case(
     model: LearnedModel,
     model_error_mps: ModelError = None,
     off_max_s: float | None = None,
+    on_min_s: float | None = None,
 ) -> FlowCase:
     """Put together what the learned certificate of a world is about; ``off_max_s`` None: what the world allows.
+
+    ``on_min_s`` is asked for in view after each gap, beside what the estimate needs there (``time_to_settle``).
 
     ``model_error_mps``: stated, or from the model's gaps (no truth is needed), or None: from the world's own motion.
 
@@ -268,7 +274,24 @@ def flow_case(
         0.2,
         max(0.1, 2.0 * settings.corridor_m),
         region_agents(network),
+        max(on_min_s or 0.0, time_to_settle(network, e0, max(g.radius_m for g in ground))),
     )
+
+
+def time_to_settle(network: Network, e0_m: float, radius_m: float) -> float:
+    """Return how long a target must be in view until the error, at most ``radius_m`` at the entry, is e(0) again, s.
+
+    A restart at the measurement takes one sensing period; without it the error decays at the gain of the feedback.
+    """
+    estimator = network.scenario.estimator
+    period = 1.0 / network.scenario.sensing.rate_hz
+    if estimator.reset_on_sighting or radius_m <= e0_m:
+        return period
+    if e0_m <= 0.0:
+        raise CertificateError(
+            "certificate.initial_error_m = 0: without estimator.reset_on_sighting no time in view brings the error to 0"
+        )
+    return period + math.log(radius_m / e0_m) / estimator.k1_per_s
 
 
 def calibrated_error(model: LearnedModel, e0_m: float, confidence: float) -> float:
@@ -289,6 +312,7 @@ def certify_learned(case: FlowCase, find_largest: bool = True) -> dict[str, Any]
         case.start,
         case.duration_s,
         case.off_max_s,
+        case.on_min_s,
         step_s=case.step_s,
         cover_m=case.cover_m,
         find_largest=find_largest,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,7 @@ def certify_on_path(
     watched = _watched(network, followed)
     gaps = path_gaps(watched)
     off, on, source = dwell_times(network)
+    wide = {(g.source, g.sink): g for g in path_gaps(_watched(_widened(network), followed))}
     entries = {
         (ground[g.source].name, ground[g.sink].name): {
             "from": ground[g.source].name,
@@ -88,10 +89,15 @@ def certify_on_path(
             "longest_m": g.length_m,
             "gap_s": g.time_s,
             "unseen": _unseen(g, limit, on_min_s),
-            "sound": _sound(g, off, on),
+            "sound": _sound(wide.get((g.source, g.sink), g), off, on),
         }
         for g in gaps
     }
+    for (source_, sink), g in wide.items():  # views that overlap on the path alone
+        pair = ground[source_].name, ground[sink].name
+        entries.setdefault(
+            pair, {"from": pair[0], "to": pair[1], "gap_m": g.length_m, "sound": _sound(g, off, on)}
+        )
     v_max = network.scenario.targets[0].v_max_mps
     report: dict[str, Any] = {
         "network": {"cameras": len(ground), "regions": network.n_agents},
@@ -109,7 +115,7 @@ def certify_on_path(
     }
     learned = None
     if model is not None:
-        learned = _learned(network, model, model_error_mps, find_largest, limit, report, entries)
+        learned = _learned(network, model, model_error_mps, find_largest, limit, report, entries, on_min_s)
     report["transitions"] = list(entries.values())
     report["uncertified"] = [
         {"from": t["from"], "to": t["to"]}
@@ -216,6 +222,19 @@ def _unseen(gap: PathGap, limit: Limit, on_min_s: float | None) -> dict[str, Any
     }
 
 
+def _widened(network: Network) -> Network:
+    """Return the network with a target as wide as its corridor: a place counts as seen where all of the tube is.
+
+    Targets of the class drive within ``corridor_m`` of the path; the gap of ``sound`` is that of the least lucky.
+    """
+    first, *others = network.description.targets
+    c = network.scenario.certificate.corridor_m
+    shifts = np.array([[0.0, 0.0, 0.0], [0.0, c, 0.0], [0.0, -c, 0.0], [c, 0.0, 0.0], [-c, 0.0, 0.0]])
+    features = (np.asarray(first.features_m)[:, None] + shifts).reshape(-1, 3)
+    targets = (replace(first, features_m=features), *others)
+    return replace(network, description=replace(network.description, targets=targets))
+
+
 def _sound(gap: PathGap, off: float | None, on: float | None) -> dict[str, Any]:
     if off is None:
         words = "no dwell time exists: the floor of the error is above the level that the view allows"
@@ -249,9 +268,10 @@ def _learned(
     limit: Limit,
     report: dict[str, Any],
     entries: dict[tuple[str, str], dict[str, Any]],
+    on_min_s: float | None,
 ) -> dict[str, Any]:
     """Add the ``learned`` certificate to report and transitions, and return it."""
-    case = flow_case(network, model, model_error_mps, limit.off_s)
+    case = flow_case(network, model, model_error_mps, limit.off_s, on_min_s)
     learned: dict[str, Any] = certify_learned(case, find_largest)
     report["target_class"] = learned["target_class"]
     report["certificates"]["learned"] = learned["certificates"]["learned"]
@@ -260,6 +280,7 @@ def _learned(
         "initial_error_m": case.target.e0_m,
         "corridor_m": case.target.spread_m,
         "learned_off_max_s": case.off_max_s,
+        "learned_on_min_s": case.on_min_s,
     }
     for entry in learned["transitions"]:
         key = entry["from"], entry["to"]

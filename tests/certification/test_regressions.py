@@ -105,9 +105,18 @@ def test_what_is_allowed_proves_nothing_about_the_estimate(capsys):
     status, report = certify(capsys, "patrol", "--off-max", 1_000_000)
     assert (status, report["claims"]["unseen"]["verdict"]) == (0, "certified")
     assert report["promise"]["unseen_max_s"] == pytest.approx(38.8, abs=0.1)
-    assert report["claims"]["estimate"]["sound"]["verdict"] == "unsatisfiable"
-    assert "no dwell time meets the condition" in report["claims"]["estimate"]["sound"]["reason"]
+    assert report["claims"]["estimate"]["sound"]["verdict"] == "refused"
+    assert "estimator.gap.prior = 'road'" in report["claims"]["estimate"]["sound"]["reason"]
     assert certify(capsys, "patrol", "--off-max", 1_000_000, "--require", "sound")[0] == 1
+    within = (
+        "estimator.gap.prior=none",
+        "estimator.gap.learn_across=false",
+        "estimator.stack.forgetting=false",
+    )
+    settings = [part for one in within for part in ("--set", one)]
+    _, report = certify(capsys, "patrol", "--off-max", 1_000_000, *settings)
+    assert report["claims"]["estimate"]["sound"]["verdict"] == "unsatisfiable"
+    assert "180 degrees" in report["claims"]["estimate"]["sound"]["reason"]
 
 
 def test_no_model_knows_the_way_over_a_junction(capsys):

@@ -33,10 +33,13 @@ def _check(count: int, seed: int) -> None:
     assert len(settings) >= 0.2 * count
     assert sum(s.off_s > 0.1 for s in settings) >= 0.05 * count
     assert 0.2 < np.mean([s.excited for s in settings]) < 0.8
-    result = attack(settings, np.random.default_rng(seed + 1))
-    assert result["violations"] == 0, result
-    assert result["flown"] > 0.9 * len(settings)
-    assert result["closest"] > 0.5, "the trials come nowhere near the bounds: they test nothing"
+    flown, closest = 0.0, 0.0
+    for first in range(0, len(settings), 500):
+        result = attack(settings[first : first + 500], np.random.default_rng(seed + 1 + first))
+        assert result["violations"] == 0, result
+        flown, closest = flown + result["flown"], max(closest, result["closest"])
+    assert flown > 0.9 * len(settings)
+    assert closest > 0.5, "the trials come nowhere near the bounds: they test nothing"
 
 
 def test_no_accepted_setting_is_violated() -> None:

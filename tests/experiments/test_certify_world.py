@@ -264,7 +264,7 @@ def test_agents_and_fixed_cameras_in_one_network_and_a_region_that_is_not_convex
     driven = scenario.model_copy(update={"targets": (vehicle,)})
     report = certify_world(driven).report
     # what the designer allows is no proof: the estimator's analysis has no dwell time here
-    assert report["certificates"]["sound"]["verdict"] == "unsatisfiable"
+    assert report["certificates"]["sound"]["verdict"] == "refused"
     # and without a model nobody tells the agents where to be
     assert report["claims"]["unseen"]["verdict"] == "not certified"
     assert any("motion model" in words for words in report["promise"]["reasons"])
