@@ -1,11 +1,14 @@
 """Kill commands at random times, run them again, and compare with runs that were left alone.
 
 For every round a command is started and killed (SIGKILL, the main process alone) one to three times, then run to its
-end. Then must hold:
+end. Every other kill comes at a random time, the others just when a file or folder has appeared or vanished beside or
+in the output folder (a random one of the changes that an undisturbed run makes), so that writes are hit too. Then must
+hold:
 
 - five seconds after a kill no process of that run is alive (found by a mark in its environment, in /proc);
 - the results are those of a run that was left alone, bit for bit; wall times and what is named in `TIMES` apart;
-- the folder holds the same files, and nothing is left beside it: no partial folder, lock, or temporary name.
+- the folder holds the same files, and nothing is left beside it: no partial folder, lock, or temporary name, and in the
+  folder for temporary files nothing that a run that was left alone does not leave (PyTorch keeps a cache there).
 
     python scripts/kill_soak.py --kills 60 --seed 1
     python scripts/kill_soak.py --kills 6 --commands simulate,evaluate
@@ -27,6 +30,7 @@ import sys
 import tempfile
 import time
 import uuid
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,8 +42,8 @@ TIMES = {"wall_s", "real_time_factor", "ms_per_plan"}
 NOT_COMPARED = ("tensorboard/", ".camnet", "checkpoint.pt")
 _MARK = "CAMNET_KILL_SOAK"
 _SMALL = (
-    *("estimator=ekf", "environments=2", "max_cycles=60", "imitation_steps=400", "imitation_epochs=2"),
-    *("rollout_steps=32", "chunk_steps=256", "minibatch=64", "hidden=[8]", "threads=1"),
+    *("estimator=ekf", "environments=2", "max_cycles=12", "imitation_steps=100", "imitation_epochs=1"),
+    *("rollout_steps=16", "chunk_steps=128", "minibatch=64", "hidden=[8]", "threads=1"),
 )
 COMMANDS: dict[str, tuple[str, ...]] = {
     "simulate": ("simulate", "quickstart", "--seeds", "1-3", "--duration", "4", "--jobs", "2"),
@@ -68,14 +72,22 @@ class Run:
         return "" if self.process.returncode == 0 else f"exit status {self.process.returncode}: {said[-500:]}"
 
 
+def temporary(folder: Path) -> Path:
+    """Return the folder for temporary files of the runs of an output folder."""
+    return folder.parent.with_name(f"{folder.parent.name}-temporary")
+
+
 def start(name: str, folder: Path, python: str) -> Run:
     """Start a command on a folder."""
     mark = uuid.uuid4().hex
+    temporary(folder).mkdir(exist_ok=True)
     words = COMMANDS[name]
-    command = (*words, str(folder)) if name == "report" else (*words, "--out", str(folder))
+    # a name without its place: results that hold it are the same everywhere
+    command = (*words, folder.name) if name == "report" else (*words, "--out", folder.name)
     process = subprocess.Popen(
         [python, "-m", "camnet.cli.main", *command, "--quiet"],
-        env={**os.environ, _MARK: mark, "PYTHONPATH": str(ROOT)},
+        cwd=folder.parent,
+        env={**os.environ, _MARK: mark, "PYTHONPATH": str(ROOT), "TMPDIR": str(temporary(folder))},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -97,12 +109,24 @@ def alive(mark: str) -> list[int]:
     return found
 
 
-def kill(run: Run, after_s: float) -> list[str]:
-    """Kill a run after a while; return what is wrong five seconds later."""
-    try:
-        run.process.wait(after_s)
-    except subprocess.TimeoutExpired:
-        run.process.send_signal(signal.SIGKILL)
+def listing(place: Path) -> set[str]:
+    """Return all names in a folder and in its folders; what vanishes meanwhile may be missing."""
+    return {os.path.join(root, name) for root, dirs, files in os.walk(place) for name in [*dirs, *files]}
+
+
+def watch(run: Run, place: Path, changes: int | None) -> int:
+    """Wait until so many changes of names in a folder were seen, or the run's end; return how many there were."""
+    seen, before = 0, listing(place)
+    while run.process.poll() is None and (changes is None or seen < changes):
+        time.sleep(0.001)
+        now = listing(place)
+        seen, before = seen + (now != before), now
+    return seen
+
+
+def kill(run: Run) -> list[str]:
+    """Kill a run now; return what is wrong five seconds later."""
+    run.process.send_signal(signal.SIGKILL)
     run.process.communicate()
     end = time.monotonic() + 5.0
     while (left := alive(run.mark)) and time.monotonic() < end:
@@ -137,9 +161,15 @@ def results(folder: Path) -> dict[str, str]:
     }
 
 
-def leftovers(place: Path, folder: Path) -> list[str]:
-    """Return what is beside the folder, and temporary names inside it."""
+def differing(one: dict[str, str], other: dict[str, str]) -> str:
+    """Return the names of files that are not the same."""
+    return ", ".join(sorted(n for n in {*one, *other} if one.get(n) != other.get(n)))
+
+
+def leftovers(place: Path, folder: Path, usual: set[str]) -> list[str]:
+    """Return what is beside the folder, what is with the temporary files that is not usual, and such names inside."""
     beside = [p.name for p in place.iterdir() if p != folder]
+    beside += [p.name for p in temporary(folder).iterdir() if p.name not in usual]
     inside = [p.name for p in folder.rglob("*") if "partial" in p.name or "lock" in p.name]
     return [f"left behind: {', '.join([*beside, *inside])}"] if beside or inside else []
 
@@ -172,33 +202,45 @@ def soak(name: str, kills: int, rng: random.Random, base: Path, python: str) -> 
         folder.parent.mkdir()
         prepare(name, folder, run_folder)
         begin = time.monotonic()
-        if fault := start(name, folder, python).wait():
+        run = start(name, folder, python)
+        changes = watch(run, folder.parent, None)
+        if fault := run.wait():
             return {"kills": 0, "rounds": 0, "faults": [f"left alone: {fault}"]}
         took = time.monotonic() - begin
     wanted = results(alone)
-    if wanted != results(again):
-        return {"kills": 0, "rounds": 0, "faults": ["two runs that were left alone differ"]}
-    faults: list[str] = []
-    done = rounds = 0
+    if names := differing(wanted, results(again)):
+        return {"kills": 0, "rounds": 0, "faults": [f"two runs that were left alone differ: {names}"]}
+    usual = {p.name for p in temporary(alone).iterdir()}  # caches of libraries, not ours
+    faults = leftovers(alone.parent, alone, usual)
+    done = rounds = at_writes = ended = 0
     while done < kills:
         place = base / f"{name}-{rounds}"
         folder = place / "out"
         place.mkdir()
         prepare(name, folder, run_folder)
         for _ in range(min(rng.randint(1, 3), kills - done)):
-            faults += kill(start(name, folder, python), rng.uniform(0.0, 1.05 * took))
+            run = start(name, folder, python)
+            if done % 2:
+                watch(run, place, rng.randint(1, max(1, changes)))
+                at_writes += run.process.poll() is None
+            else:
+                with suppress(subprocess.TimeoutExpired):
+                    run.process.wait(rng.uniform(0.0, took))
+            ended += run.process.poll() is not None
+            faults += kill(run)
             done += 1
         if fault := start(name, folder, python).wait():
             faults.append(f"round {rounds}: run again: {fault}")
-        elif (found := results(folder)) != wanted:
-            names = sorted(n for n in {*found, *wanted} if found.get(n) != wanted.get(n))
-            faults.append(f"round {rounds}: other results than alone: {', '.join(names)}")
-        faults += [f"round {rounds}: {text}" for text in leftovers(place, folder)]
+        elif names := differing(wanted, results(folder)):
+            faults.append(f"round {rounds}: other results than alone: {names}")
+        faults += [f"round {rounds}: {text}" for text in leftovers(place, folder, usual)]
         rounds += 1
         words = f"{name}: {done} of {kills} kills, {rounds} rounds, {len(faults)} faults"
         print("; ".join([words, *faults[-1:]]), file=sys.stderr, flush=True)
     return {
         "kills": done,
+        "at_writes": at_writes,
+        "ended_before": ended,
         "rounds": rounds,
         "alone_s": round(took, 1),
         "files": len(wanted),

@@ -12,7 +12,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,8 @@ from camnet.errors import ConfigError, DataError
 from camnet.geometry.settings import Road
 from camnet.importers._reading import number, open_binary, parse_xml
 from camnet.importers.sumo_checks import check_network
+from camnet.processes.tied import tied_command
+from camnet.storage.partial import scratch_folder
 from camnet.types import Array
 
 __all__ = ["SumoEdge", "SumoNetwork", "network_file", "read_sumo_network", "roads_of", "run_sumo"]
@@ -135,8 +136,7 @@ def run_sumo(
     program = _sumo_program()
     scenario, begin_s = _scenario(config)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".sumo-", dir=out.parent) as folder:
-        stage = Path(folder)
+    with scratch_folder(out.absolute(), "sumo") as stage:
         _stage_inputs(config, scenario, stage)
         fcd = stage / ("fcd.xml.gz" if out.suffix == ".gz" else "fcd.xml")
         arguments = {
@@ -150,7 +150,7 @@ def run_sumo(
             "--no-warnings": "true",
         }
         command = [program, *(str(word) for pair in arguments.items() for word in pair)]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=stage, check=False)
+        done = subprocess.run(tied_command(command), capture_output=True, text=True, cwd=stage, check=False)
         if done.returncode != 0 or not fcd.is_file():
             words = (done.stderr.strip() or done.stdout.strip()).splitlines()[-_SHOWN_ERROR_LINES:]
             raise DataError(f"{config}: sumo ended with status {done.returncode}: {' | '.join(words)}")

@@ -20,6 +20,7 @@ __all__ = [
     "put_in_place",
     "remove_partial",
     "replaced_folder",
+    "scratch_folder",
     "sweep_beside",
     "sweep_inside",
 ]
@@ -122,6 +123,20 @@ def replaced_folder(folder: Path, kind: str) -> Iterator[Path]:
     except BaseException:
         remove_partial(partial)
         raise
+
+
+@contextmanager
+def scratch_folder(path: Path, kind: str) -> Iterator[Path]:
+    """Yield a temporary folder beside ``path`` that is removed at the end; those of dead processes go first."""
+    for other in path.parent.iterdir():
+        left = parse(other.name)
+        if left is not None and left.name == short_name(path.name) and left.is_stale():
+            _clear(other, left.purpose, path)
+    partial = make_partial(path, kind)
+    try:
+        yield partial
+    finally:
+        remove_partial(partial)
 
 
 def sweep_beside(folder: Path) -> None:

@@ -3,6 +3,10 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
+import subprocess
+import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -203,3 +207,43 @@ def test_options_reach_the_fcd_reader(tmp_path: Path) -> None:
     )
     (track,) = read_tracks(path, "fcd", TrackOptions(height_m=2.0))
     assert track.p_world[0, 2] == 2.0
+
+
+_RUN = "import sys; from camnet.importers.sumo import run_sumo; run_sumo(sys.argv[1], sys.argv[2], float(sys.argv[3]))"
+
+
+def _running(words: str) -> list[str]:
+    """Return the numbers of processes of SUMO that have ``words`` in their command."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            with suppress(OSError):  # it is gone
+                command = (entry / "cmdline").read_bytes().split(b"\0")
+                if command[0].endswith(b"/sumo") and any(words.encode() in word for word in command):
+                    found.append(entry.name)
+    return found
+
+
+@needs_sumo
+@pytest.mark.skipif(sys.platform != "linux", reason="finds processes by Linux's /proc")
+def test_sumo_dies_with_a_killed_run_and_the_next_removes_what_it_left(
+    shared_data: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out" / "a.xml"
+    command = [sys.executable, "-c", _RUN, str(shared_data / "bologna/run.sumocfg"), str(out)]
+    process = subprocess.Popen([*command, "100000"])
+    try:
+        end = time.monotonic() + 60.0
+        while not (running := _running(str(out.parent))) and time.monotonic() < end:
+            time.sleep(0.05)
+        assert len(running) == 1
+    finally:
+        process.kill()
+        process.wait()
+    end = time.monotonic() + 5.0
+    while (running := _running(str(out.parent))) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert running == []
+    assert len(os.listdir(out.parent)) == 1  # half-written
+    subprocess.run([*command, "5"], check=True)
+    assert os.listdir(out.parent) == ["a.xml"]

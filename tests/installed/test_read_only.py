@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -37,9 +38,7 @@ class Installation:
         self.place.mkdir()
         os.chown(self.place, NOBODY, NOBODY)
         subprocess.run(["chmod", "-R", "a-w", str(self.site)], check=True)
-        for parent in (folder, *folder.parents):  # pytest's folders are for root alone
-            if parent.stat().st_uid == 0 and parent != Path("/"):
-                parent.chmod(parent.stat().st_mode | 0o011)
+        folder.chmod(0o755)
 
     def run(self, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
         """Run the interpreter as nobody, without a home."""
@@ -58,12 +57,16 @@ class Installation:
 
 
 @pytest.fixture(scope="module")
-def installation(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Iterator[Installation]:
-    made = Installation(tmp_path_factory.mktemp("read-only"), project_root)
-    if made.run("-c", "import numpy").returncode != 0:
-        pytest.skip("another user cannot read this interpreter's packages")
-    yield made
-    subprocess.run(["chmod", "-R", "u+w", str(made.site)], check=True)
+def installation(project_root: Path) -> Iterator[Installation]:
+    # not in pytest's folder: every start of pytest, another one too, closes that to all but its user
+    with tempfile.TemporaryDirectory(prefix="camnet-read-only-") as folder:
+        made = Installation(Path(folder), project_root)
+        if made.run("-c", "import numpy").returncode != 0:
+            pytest.skip("another user cannot read this interpreter's packages")
+        found = made.run("-c", "import camnet; print(camnet.__file__)").stdout.strip()
+        assert found == str(made.site / "camnet" / "__init__.py")  # no other installation
+        yield made
+        subprocess.run(["chmod", "-R", "u+w", str(made.site)], check=True)
 
 
 def test_the_environment_is_imported(installation: Installation) -> None:
@@ -80,7 +83,7 @@ def test_kernels_are_kept_in_a_private_folder_with_one_warning(installation: Ins
     assert list(installation.place.glob("camnet-cache-*")) == []  # gone with the process
 
 
-def test_a_cache_that_root_has_filled_is_read(installation: Installation, tmp_path: Path) -> None:
+def test_a_cache_that_root_has_filled_is_read(installation: Installation) -> None:
     cache = installation.site.parent / "cache"
     environment = {**os.environ, "CAMNET_CACHE": str(cache)}
     subprocess.run([sys.executable, "-c", _KERNEL], env=environment, check=True, capture_output=True)

@@ -14,6 +14,7 @@ import pytest
 
 from camnet.errors import ConfigError, WorkerError
 from camnet.processes import Workers
+from camnet.processes.tied import tied_command
 
 sys.path.insert(0, str(Path(__file__).parent))  # the workers look for their functions here, too
 import pool_programs as programs
@@ -212,3 +213,33 @@ def test_a_program_inside_compiled_code_is_ended(tmp_path: Path) -> None:
     said = process.communicate(timeout=20.0)[1]
     assert process.returncode == 1
     assert said == "camnet: ended by SIGTERM inside compiled code\n"
+
+
+_STARTS = """
+import subprocess, sys
+from camnet.processes.tied import tied_command
+command = [sys.executable, "-c", "import os, time; print(os.getpid(), flush=True); time.sleep(60.0)"]
+subprocess.run(tied_command(command), check=False)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the signal at a parent's death is Linux's")
+def test_another_program_dies_with_the_one_that_started_it() -> None:
+    process = subprocess.Popen([sys.executable, "-c", _STARTS], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    started = int(process.stdout.readline())
+    assert alive(started)
+    process.kill()
+    process.wait()
+    assert until(lambda: not alive(started), 5.0)
+
+
+def test_a_tied_program_gets_its_arguments_and_gives_its_status() -> None:
+    program = "import sys; print(sys.argv[1:]); sys.exit(7)"
+    done = subprocess.run(
+        tied_command([sys.executable, "-c", program, "a b", "--c"]),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (7, "['a b', '--c']\n")
