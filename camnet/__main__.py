@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-
-from camnet.cli.main import main
+from camnet.cli.program import program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

@@ -34,7 +34,10 @@ from camnet.cli.parser import Parser  # noqa: E402
 from camnet.errors import CamnetError, OutputError, SimulationError, WorkerError  # noqa: E402
 from camnet.processes.stop import TerminatedError, stop_on_signals  # noqa: E402
 
-__all__ = ["build_parser", "main"]
+__all__ = ["STOPPED", "build_parser", "main", "run"]
+
+#: what `run` returns when a signal stopped it; the exit status is 1
+STOPPED = -1
 
 _EPILOG = """examples:
   camnet worlds                                     what ships with camnet
@@ -80,8 +83,13 @@ def build_parser() -> Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; without any words, show the help."""
+    status = run(list(sys.argv[1:] if argv is None else argv))
+    return 1 if status == STOPPED else status
+
+
+def run(words: list[str]) -> int:
+    """Run one command and return its exit status, or `STOPPED`."""
     parser = build_parser()
-    words = list(sys.argv[1:] if argv is None else argv)
     if not words:
         parser.print_help()
         return 0
@@ -105,10 +113,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("camnet: interrupted", file=sys.stderr)
-        return 1
+        return STOPPED
     except TerminatedError as error:
         print(f"camnet: {error}", file=sys.stderr)
-        return 1
+        return STOPPED
     except BrokenPipeError:  # the reader of our output left
         _close_output()
         return 1
@@ -135,4 +143,6 @@ def _close_output() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from camnet.cli.program import program
+
+    program()

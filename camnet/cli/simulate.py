@@ -91,7 +91,7 @@ def _many(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imp
 
 
 def _network(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - imported late
-    from camnet.report.write import REPORT_FILES
+    from camnet.report import REPORT_FILES
     from camnet.simulation.models import check_saving
     from camnet.simulation.run import run_network
 
@@ -130,7 +130,6 @@ def _network(args: argparse.Namespace, scenario: Any) -> int:  # noqa: ANN401 - 
 def _write(args: argparse.Namespace, output: Output, result: Any, content: dict[str, Any]) -> None:  # noqa: ANN401
     """Write the results first; what is drawn or kept elsewhere comes after, and loses none of them when it fails."""
     from camnet.estimation.persistence import save_models
-    from camnet.report.write import write_all
     from camnet.simulation.run_files import write_run
 
     write_run(output.path, content, result.handoffs, result.log)
@@ -138,6 +137,8 @@ def _write(args: argparse.Namespace, output: Output, result: Any, content: dict[
     if args.save_model is not None:
         save_models(args.save_model, result.learned)
     if not args.no_report and not result.interrupted:
+        from camnet.report.write import write_all
+
         with progress_bar(1.0, "drawing", "", args.quiet) as advance:
             write_all(output.path, video=not args.no_video, progress=lambda k, n: advance(k / n))
 

@@ -16,7 +16,7 @@ from camnet.cli.output import print_json, resumed_folder, write_json
 from camnet.config.models import Scenario
 from camnet.errors import DataError
 from camnet.processes import Workers
-from camnet.report.write import REPORT_FILES
+from camnet.report import REPORT_FILES
 from camnet.simulation.run_files import read_run, write_run
 from camnet.storage.marker import MARKER
 from camnet.storage.partial import replaced_folder

@@ -135,6 +135,7 @@ class Workers:
         if self._pool is None:
             return
         pool, self._pool = self._pool, None
+        manager: Any = pool._executor_manager_thread
         pool.shutdown(wait=False, cancel_futures=True)
         left = [p for p in self._processes if p.is_alive()]
         for process in left:
@@ -142,6 +143,8 @@ class Workers:
         for process in _wait_for(left):
             process.kill()
         _wait_for(left)
+        if manager is not None:  # it frees semaphores; a program that ends meanwhile has Python warn of them
+            manager.join(_PATIENCE_S)
 
 
 def _wait_for(processes: list[Any]) -> list[Any]:

@@ -11,10 +11,7 @@ from camnet.report.map_plot import write_map
 from camnet.report.run_data import load_run
 from camnet.report.video import write_video
 
-__all__ = ["REPORT_FILES", "write_all"]
-
-#: what `write_all` may write
-REPORT_FILES = ("estimates.png", "map.png", "report.html", "video.mp4")
+__all__ = ["write_all"]
 
 
 def write_all(folder: Path, video: bool = True, progress: Callable[[int, int], None] | None = None) -> None:

@@ -49,7 +49,10 @@ class RunLog:
 
     def table(self) -> pa.Table:
         """Return the log as an Arrow table."""
-        return pa.table({name: self.values[:, i] for i, name in enumerate(self.columns)})
+        # by their bytes: given NumPy's arrays, Arrow would load pandas first, wherever that is installed
+        rows = [pa.py_buffer(np.ascontiguousarray(column)) for column in self.values.T]
+        columns = [pa.Array.from_buffers(pa.float64(), len(self), [None, row]) for row in rows]
+        return pa.Table.from_arrays(columns, names=list(self.columns))
 
     def write(self, path: Path) -> None:
         """Write Parquet to ``path`` (a temporary name first, then renamed)."""
