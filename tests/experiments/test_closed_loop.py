@@ -135,9 +135,10 @@ def test_plans_survive_json_and_a_flight_is_repeatable():
         Plan.from_dict({"targets": [], "wind_rad": 0.0})
 
 
-def test_targets_alone_are_seen_as_in_the_whole_loop():
+@pytest.mark.parametrize("world", ["patrol", "stationary_certified"])
+def test_targets_alone_are_seen_as_in_the_whole_loop(world):
     """Fixed cameras: what is judged without estimators is what the closed loop's own truth says."""
-    network = build_network(load_scenario("patrol", ["run.duration_s=40", "controller.rate_hz=30"]))
+    network = build_network(load_scenario(world, ["run.duration_s=40", "controller.rate_hz=30"]))
     space = PlanSpace(1, 40.0)
     plan = space.plan(space.random(2, np.random.default_rng(5))[1])
     alone, whole = fly(network, plan, None), fly(network, plan, "ekf")
@@ -212,6 +213,12 @@ def test_what_makes_no_sense_is_refused(capsys, tmp_path):
     wrong.write_text('{"unseen": 1}')
     with pytest.raises(DataError, match="unseen_max_m"):
         read_claims(wrong)
+
+
+def test_certificates_of_earlier_versions_are_promises_too():
+    claims, world = read_claims(PROMISES / "big_regions.json")
+    assert (world, claims.unseen_max_s, claims.unseen_max_m) == ("big_regions", 15.0, None)
+    assert claims.into_first_view is False
 
 
 def test_more_targets_are_copies_and_violations_change_the_world_flown():

@@ -152,6 +152,17 @@ def claims_of_report(report: dict[str, Any], source: str = "certificate") -> Cla
     )
 
 
+def _claims_without_promise(report: dict[str, Any], source: str) -> Claims:
+    """Return what a certificate promises that has no promise at its head, as earlier versions wrote it.
+
+    A certified ``sound`` or ``learned`` stood for every transition: seen again within the longest time out of view.
+    Nothing was said of the way into the first view.
+    """
+    certified = any(report["certificates"][k]["verdict"] == "certified" for k in ("sound", "learned"))
+    limit = report["constants"]["off_max_s"] if certified else None
+    return Claims(unseen_max_s=limit, into_first_view=False, source=source)
+
+
 def read_claims(path: Path) -> tuple[Claims, str | None]:
     """Read a ``certificate.json`` or a promise of one's own; return it and the world that it speaks of, if it says.
 
@@ -164,12 +175,14 @@ def read_claims(path: Path) -> tuple[Claims, str | None]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise DataError(f"{path}: cannot be read: {error}") from error
-    if isinstance(content, dict) and isinstance(content.get("promise"), dict):
+    if isinstance(content, dict) and "certificates" in content:
+        claims_of = claims_of_report if "promise" in content else _claims_without_promise
         try:
-            world = content.get("network", {}).get("name")
-            return claims_of_report(content, str(path)), world
+            return claims_of(content, str(path)), content["network"]["name"]
         except (KeyError, TypeError) as error:
-            raise DataError(f"{path}: promise lacks {error}; camnet certify --out writes one") from error
+            raise DataError(
+                f"{path}: the certificate lacks {error}; camnet certify --out writes one"
+            ) from error
     if not isinstance(content, dict) or not set(content) <= _KEYS:
         unknown = sorted(set(content) - _KEYS) if isinstance(content, dict) else "no object"
         raise DataError(f"{path}: {unknown}: a promise has the keys {', '.join(sorted(_KEYS))}")

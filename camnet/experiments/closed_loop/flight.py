@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from camnet.experiments.closed_loop.arena import hostile
 from camnet.experiments.closed_loop.plan import Plan
 from camnet.experiments.kinematic_world import KinematicWorld
+from camnet.motion.protocol import TargetMotion
 from camnet.sensing.visibility import VisibilityTest
 from camnet.simulation.loop import NetworkSimulation
 from camnet.simulation.network import Network
@@ -28,6 +29,7 @@ from camnet.types import Array, BoolArray, IntArray
 from camnet.world.description import WorldDescription
 from camnet.world.protocol import CameraCommand, World
 from camnet.world.pybullet import PyBulletWorld
+from camnet.world.targets import PathLaw
 
 __all__ = ["GapRecord", "TruthLog", "fly"]
 
@@ -92,13 +94,13 @@ def _overdue_unsaid() -> Iterator[None]:
 
 def _watch(network: Network, description: WorldDescription, plan: Plan) -> TruthLog:
     """Move the targets alone and ask the simulator's visibility at every sensing instant."""
-    free = not network.occluders and network.n_targets == 1
-    world: World = KinematicWorld(description) if free else PyBulletWorld(description)
     scenario = network.scenario
+    if not network.occluders and network.n_targets == 1:
+        return _watch_alone(network, description, plan)
+    world: World = PyBulletWorld(description)
     every = max(1, round(scenario.controller.rate_hz / scenario.sensing.rate_hz))
     features = [target.features_m for target in description.targets]
     test = VisibilityTest(network.cameras, features, [None] * len(network.cameras))
-    rays = None if free else world.rays_clear
     t_s, seen, places = [], [], []
     try:
         snapshot = world.reset(np.random.default_rng(plan.seed))
@@ -106,12 +108,43 @@ def _watch(network: Network, description: WorldDescription, plan: Plan) -> Truth
         for k in range(round(scenario.run.duration_s * scenario.controller.rate_hz) + 1):
             if k % every == 0:
                 t_s.append(snapshot.t_s)
-                seen.append(test(snapshot, rays).any(axis=0))
+                seen.append(test(snapshot, world.rays_clear).any(axis=0))
                 places.append(snapshot.target_p_world.copy())
             snapshot = world.step(still)
     finally:
         world.close()
     return TruthLog(np.array(t_s), np.array(seen), np.array(places), np.zeros(np.shape(seen), dtype=np.int64))
+
+
+def _watch_alone(network: Network, description: WorldDescription, plan: Plan) -> TruthLog:
+    """Do the same where nothing can hide the one target: all instants are looked at at once."""
+    scenario, target = network.scenario, description.targets[0]
+    rate_hz = scenario.controller.rate_hz
+    every = max(1, round(rate_hz / scenario.sensing.rate_hz))
+    states = _poses(target.motion, round(scenario.run.duration_s * rate_hz), 1.0 / rate_hz, plan.seed)[
+        ::every
+    ]
+    world = KinematicWorld(description)
+    now = world.reset(np.random.default_rng(plan.seed))
+    place = replace(now, target_p_world=states[:, :3].copy(), target_q_world=states[:, 3:].copy())
+    test = VisibilityTest(network.cameras, [target.features_m] * len(states), [None] * len(network.cameras))
+    seen = test.in_view(place).any(axis=0)[:, None]
+    t_s = np.arange(len(states)) * every / rate_hz
+    return TruthLog(t_s, seen, states[:, None, :3], np.zeros(seen.shape, dtype=np.int64))
+
+
+def _poses(motion: TargetMotion, steps: int, dt_s: float, seed: int) -> Array:
+    """Return the poses (steps + 1, 7) of a target that moves by itself: p, q."""
+    rng = np.random.default_rng(seed)
+    state = motion.reset(rng)
+    first = np.concatenate([state.p_world, state.q_world])[None]
+    if isinstance(motion, PathLaw):
+        return np.concatenate([first, motion.states_ahead(state, dt_s, steps)[:, :7]])
+    rows = [first[0]]
+    for k in range(steps):
+        state = motion.step(state, k * dt_s, dt_s, rng)
+        rows.append(np.concatenate([state.p_world, state.q_world]))
+    return np.array(rows)
 
 
 class _Keeper:

@@ -86,7 +86,8 @@ def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
     gaps = [g for g in log.gaps if g.lost_s >= since[g.target]]
     if claims.error is not None:
         for g in gaps:
-            limit = claims.error.at(g.target, g.from_camera, g.seen_s - g.lost_s)
+            bound = claims.error.at(g.target, g.from_camera, g.seen_s - g.lost_s)
+            limit = bound if np.isfinite(bound) else None  # no tube begins at this exit
             where = {"target": names[g.target], "from_s": g.lost_s, "gap_s": g.seen_s - g.lost_s}
             _note(worst, "error_m", g.error_m, limit, where)
     broken = tuple(name for name, w in worst.items() if w["margin"] is not None and w["margin"] < -_SLACK)
