@@ -128,7 +128,7 @@ def _watch_alone(network: Network, description: WorldDescription, plan: Plan) ->
     now = world.reset(np.random.default_rng(plan.seed))
     place = replace(now, target_p_world=states[:, :3].copy(), target_q_world=states[:, 3:].copy())
     test = VisibilityTest(network.cameras, [target.features_m] * len(states), [None] * len(network.cameras))
-    seen = test.in_view(place).any(axis=0)[:, None]
+    seen = np.asarray(test.in_view(place).any(axis=0)).reshape(-1, 1)
     t_s = np.arange(len(states)) * every / rate_hz
     return TruthLog(t_s, seen, states[:, None, :3], np.zeros(seen.shape, dtype=np.int64))
 
@@ -193,7 +193,7 @@ def _use(simulation: NetworkSimulation, keeper: _Keeper) -> dict[str, float]:
     """Return how much of each assumption about agents was used up."""
     out = {}
     if simulation.network.n_agents:
-        out["one target in a region at a time"] = float(keeper.at_once)
+        out["one target in a region at a time"] = float(keeper.at_once) if keeper.at_once > 1 else 0.0
         seen = simulation.disturbance.summary()
         out["bound of the disturbance"] = max(
             float(seen["disturbance_max"]) / float(seen["d_bar"]),

@@ -100,7 +100,7 @@ def search_plans(
         if progress is not None:
             progress(found)
         broken = stop_when_broken and found.violations > 0
-        found.out_of_time = not broken and time.monotonic() >= ends
+        found.out_of_time = not broken and found.flown < trials and time.monotonic() >= ends
         if broken or found.out_of_time or found.flown >= trials:
             raise _SpentError
         return shares
