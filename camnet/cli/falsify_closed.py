@@ -17,11 +17,14 @@ __all__ = ["EPILOG", "add_closed_loop", "refuse_closed_options", "run_closed"]
 
 EPILOG = """In the closed loop:
 
-  camnet falsify patrol --closed-loop                             the promise that certify makes now
-  camnet falsify mobile_certified --closed-loop --learn           agents: learn the motion first, as certify --learn
-  camnet falsify WORLD --closed-loop --promise certificate.json   an old promise
-  camnet falsify WORLD --closed-loop --violate speed=+20%         a world in which an assumption is false
-  camnet falsify WORLD --closed-loop --replay DIR/attack.json     fly the worst attack again
+  camnet falsify patrol --closed-loop --out runs/attack
+  camnet falsify patrol --closed-loop --replay runs/attack/attack.json
+  camnet falsify mobile_certified --closed-loop --learn
+  camnet falsify WORLD --closed-loop --promise certificate.json
+  camnet falsify patrol --closed-loop --violate speed=-20%
+
+They attack the promise that certify makes now, fly the worst attack again, learn the motion first (agents need
+it), attack an old promise, and fly a world in which one assumption is false.
 
 The attacker chooses start, direction, turns, speeds, stops and offset of every target, the wind's direction, and the
 seed of noise and gusts. The judge is the truth alone: which target was in some camera's view when.

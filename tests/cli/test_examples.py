@@ -81,6 +81,20 @@ CASES: dict[str, Case] = {
     "camnet coverage --cameras DIR_OF_KRTD --area AREAS.geojson --origin 39.05,-85.53,205": Case(),
     "camnet falsify quickstart --learn --trials 10000": Case("--trials 50 --duration 150", slow=True),
     "camnet falsify patrol --model-error 0.05": Case("--trials 50"),
+    "camnet falsify patrol --closed-loop --out runs/attack": Case("--trials 4 --duration 60"),
+    "camnet falsify patrol --closed-loop --replay runs/attack/attack.json": Case(
+        needs=("camnet falsify patrol --closed-loop --out runs/attack",)
+    ),
+    "camnet falsify mobile_certified --closed-loop --learn": Case(only_read="it flies for minutes"),
+    "camnet falsify WORLD --closed-loop --promise certificate.json": Case(
+        "--trials 1",
+        replaced=(
+            ("WORLD", "patrol"),
+            ("certificate.json", str(ROOT / "tests/experiments/data/promises/patrol_off_max.json")),
+        ),
+        status=1,
+    ),
+    "camnet falsify patrol --closed-loop --violate speed=-20%": Case("--trials 24 --duration 150", status=1),
     "camnet design --roads NET.xml --unseen-max-m 600": Case("--time-limit 5", package="sumolib"),
     "camnet design --roads NET.xml --off-max 120": Case("--time-limit 5", package="sumolib"),
     "camnet design --roads NET.xml --poles POLES.csv": Case(package="sumolib"),
