@@ -43,7 +43,7 @@ class FlowTargetClass:
     model_error_mps : e_v, valid in the corridor
     e0_m : position error when the target is lost
     spread_m : targets leave up to this far to either side of the predicted exit
-    source : where e_v comes from: ``deterministic``, ``statistical`` or ``stated``
+    source : where e_v comes from: ``deterministic``, ``sampled``, ``statistical`` or ``stated``
     """
 
     v_max_mps: float

@@ -105,6 +105,26 @@ class PlanarField:
         value = np.exp(-0.5 * np.einsum("...ki,...ki->...k", delta, slope))
         return np.asarray(-np.einsum("...k,ki,...kj->...ij", value, self.weights, slope))
 
+    def slope_bound(self, points: ArrayLike, radius_m: float) -> Array:
+        """Bound (...,) of the Jacobian's norm over discs about points (..., 2), 1/s.
+
+        |J| changes by at most its derivative times the radius: second derivatives of a kernel, see ``_bend``.
+        """
+        delta = np.asarray(points, dtype=float)[..., None, :] - self.centres
+        u = np.sqrt(np.einsum("...ki,kij,...kj->...k", delta, self.precision, delta))
+        bend = self._bend(u - self.scale * radius_m)
+        return np.asarray(np.linalg.norm(self.jacobian(points), 2, axis=(-2, -1)) + radius_m * bend)
+
+    def _bend(self, away: Array) -> Array:
+        """Bound (...,) of the field's second derivatives where kernel k is at least ``away`` (..., p) deviations off.
+
+        That of a kernel is at most |P| exp(-u^2/2) max(1, u^2 - 1), with a second peak at u^2 = 3.
+        """
+        u2 = np.maximum(away, 0.0) ** 2
+        decay = np.exp(-0.5 * u2) * np.maximum(1.0, u2 - 1.0)
+        decay = np.where(u2 < 3.0, np.maximum(decay, 2.0 * math.exp(-1.5)), decay)
+        return np.asarray(decay @ (self.scale**2 * np.linalg.norm(self.weights, axis=1)))
+
     @property
     def cutoff_error_mps(self) -> float:
         """Bound of what an evaluation that skips far kernels leaves out, m/s."""
@@ -117,11 +137,7 @@ class PlanarField:
         limit = 4.0 * step_s * speed + 1e-6  # the path is followed up to here at most
         delta = point - self.centres
         away = np.sqrt(np.einsum("ki,kij,kj->k", delta, self.precision, delta)) - self.scale * limit
-        u2 = np.maximum(away, 0.0) ** 2
-        # |second derivative| of a kernel is at most |P| exp(-u^2/2) max(1, u^2 - 1), with a second peak at u^2 = 3
-        decay = np.exp(-0.5 * u2) * np.maximum(1.0, u2 - 1.0)
-        decay = np.where(u2 < 3.0, np.maximum(decay, 2.0 * math.exp(-1.5)), decay)
-        bend = float(np.linalg.norm(self.weights, axis=1) @ (self.scale**2 * decay))
+        bend = float(self._bend(away))
         reach = 1.05 * step_s * speed + 1e-12
         while reach <= limit:
             if step_s * (speed + slope * reach + 0.5 * bend * reach**2) <= reach:

@@ -22,6 +22,8 @@ class CertificateSettings(Settings):
     ``learned`` the longest gap that the estimator learns across. ``corridor_m`` is how far beside the path
     that it learned from a target may be. ``position_error_m`` and ``orientation_error_rad`` bound the error of a
     measured pose; ``None``: five standard deviations on every axis where the world states them (level ``pose``).
+    ``field_slope_per_s`` bounds the Lipschitz constant of the target's own law in the corridor, with which e_v is a
+    bound between the points too at which it is taken.
     """
 
     eps_bar: NonNegative = 0.01
@@ -35,3 +37,4 @@ class CertificateSettings(Settings):
     corridor_m: NonNegative = 0.02
     position_error_m: NonNegative | None = None
     orientation_error_rad: NonNegative | None = None
+    field_slope_per_s: NonNegative | None = None

@@ -7,8 +7,10 @@
 | e_v | ``model_errors`` | m/s | sup norm(phi - phi_hat) + (1 - u) v |
 
 ``e_v`` is needed only where the target itself can be: within ``corridor_m`` of its path (docs/theory.md, section 8).
-The supremum is taken on a grid in the corridor, plus the largest change between neighbours. The last term covers the
-prior that the predictor blends in where the model has no data; u is the share that the model answers for.
+The supremum is taken on a grid in the corridor. With ``certificate.field_slope_per_s``, a bound of the slope of phi, it
+is continued to all places between (``deterministic``); else half the largest change between neighbours is added, an
+estimate and no bound (``sampled``). The last term covers the prior that the predictor blends in where the model has no
+data; u is the share that the model answers for.
 """
 
 from __future__ import annotations
@@ -200,11 +202,14 @@ def model_errors(network: Network, model: LearnedModel) -> list[float]:
         np.linalg.norm(np.diff(model.path[:, 1:3], axis=0), axis=1).max() / np.diff(model.path[:2, 0])[0]
     )
     blends = network.scenario.estimator.gap.prior != "none"
+    slope = network.scenario.certificate.field_slope_per_s
     out = []
     for j, field in enumerate(model.fields()):
         parts = [p for p in _runs(path, last == j) if len(p) > 2]
         worst = 0.0
         for part in parts:
+            if slope is not None and not blends:
+                part = _finer(part)
             grid = corridor_points(part, network.scenario.certificate.corridor_m)
             flat = grid.reshape(-1, 2)
             true = true_velocity(network, flat)
@@ -216,11 +221,34 @@ def model_errors(network: Network, model: LearnedModel) -> list[float]:
             error = np.linalg.norm(true - field.velocity(flat), axis=1)
             if blends:
                 error += speed * (1.0 - model.support(j, flat))
-            error = error.reshape(grid.shape[:2])
-            slack = 0.5 * sum(float(np.abs(np.diff(error, axis=a)).max(initial=0.0)) for a in (0, 1))
-            worst = max(worst, float(error.max()) + slack)
+            worst = max(worst, _supremum(grid, error, field, None if blends else slope))
         out.append(worst)
     return out
+
+
+def _finer(path: Array) -> Array:
+    """Put points between those of a path (n, 2), at most ``_GRID_M`` apart on each chord."""
+    longest = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max())
+    parts = max(1, math.ceil(longest / _GRID_M))
+    at = np.arange((len(path) - 1) * parts + 1) / parts
+    known = np.arange(len(path), dtype=float)
+    return np.column_stack([np.interp(at, known, path[:, i]) for i in (0, 1)])
+
+
+def _supremum(grid: Array, error: Array, field: PlanarField, slope_per_s: float | None) -> float:
+    """Return the supremum over the corridor of an error (k n,) that was taken on its grid (k, n, 2), m/s.
+
+    Every place is within half of both sides of a cell of a grid point; over that distance the error changes by at most
+    both slopes times it.
+    """
+    if slope_per_s is not None:
+        sides = (np.linalg.norm(np.diff(grid, axis=a), axis=2).max(initial=0.0) for a in (0, 1))
+        reach = 0.5 * float(sum(sides))
+        learned = field.slope_bound(grid.reshape(-1, 2), reach)
+        return float((error + (slope_per_s + learned) * reach).max())
+    error = error.reshape(grid.shape[:2])
+    slack = 0.5 * sum(float(np.abs(np.diff(error, axis=a)).max(initial=0.0)) for a in (0, 1))
+    return float(error.max()) + slack
 
 
 def _runs(path: Array, chosen: Array) -> list[Array]:
@@ -259,7 +287,8 @@ def flow_case(
     elif model_error_mps is not None:
         e_v, source = model_error_mps, "stated"
     else:
-        e_v, source = max(model_errors(network, model)), "deterministic"
+        bounded = settings.field_slope_per_s is not None and network.scenario.estimator.gap.prior == "none"
+        e_v, source = max(model_errors(network, model)), "deterministic" if bounded else "sampled"
     target = FlowTargetClass(
         network.scenario.targets[0].v_max_mps, e_v, e0, spread_m=settings.corridor_m, source=source
     )

@@ -217,3 +217,23 @@ def test_conformal_error_of_whole_gaps_covers_held_out_gaps():
         gap_model_error([0.1], [0.0], 0.0, 0.5)
     with pytest.raises(CertificateError, match="confidence"):
         Conformal(1.0)
+
+
+def test_slope_bound_holds_between_the_points_of_a_grid():
+    """A narrow bump between grid points: half differences miss it, the bound with slopes does not."""
+    field, rng, reach = random_field(4), np.random.default_rng(0), 0.05
+    points = rng.uniform(-1.5, 1.5, (200, 2))
+    bound = field.slope_bound(points, reach)
+    for _ in range(20):
+        angle, r = rng.uniform(0.0, 2.0 * np.pi, 200), reach * np.sqrt(rng.uniform(size=200))
+        near = points + r[:, None] * np.c_[np.cos(angle), np.sin(angle)]
+        assert (np.linalg.norm(field.jacobian(near), 2, axis=(1, 2)) <= bound + 1e-12).all()
+        change = np.linalg.norm(field.velocity(near) - field.velocity(points), axis=1)
+        assert (change <= bound * reach + 1e-12).all()
+    bump = PlanarField.create([[0.05, 0.05]], 1.0 / 0.02**2, [[0.3, 0.0]])
+    x, y = np.meshgrid(np.arange(0.0, 0.21, 0.1), np.arange(0.0, 0.21, 0.1))
+    grid = np.stack((x, y), -1)
+    missed = np.linalg.norm(bump.velocity(grid), axis=-1)
+    half = 0.5 * sum(np.abs(np.diff(missed, axis=a)).max() for a in (0, 1))
+    assert missed.max() + half < 0.1
+    assert (missed + bump.slope_bound(grid, 0.0708) * 0.0708).max() >= 0.3

@@ -317,3 +317,13 @@ def test_eight_robots_are_more_than_four_agents_serve():
     )
     assert one["promise"]["targets_served"] == 1
     assert 4.0 < one["promise"]["unseen_max_s"] < 10.0
+
+
+def test_e_v_is_a_bound_only_with_a_stated_slope_of_the_law():
+    cases = []
+    for setting in ((), ("certificate.field_slope_per_s=0.3",)):
+        network = build_network(load_scenario("stationary_certified", setting))
+        cases.append(flow_case(network, fitted_model(network)).target)
+    sampled, bounded = cases
+    assert (sampled.source, bounded.source) == ("sampled", "deterministic")
+    assert sampled.model_error_mps < bounded.model_error_mps < 0.02
