@@ -91,6 +91,7 @@ def place_cameras(
     costs: Array | None = None,
     *,
     standing: IntArray | None = None,
+    survive: int = 0,
     exact_limit: int = 3000,
     time_limit_s: float = 60.0,
     seed: int = 0,
@@ -106,6 +107,8 @@ def place_cameras(
     least_view_m : stretches in view that are shorter do not count, m
     costs : (n_candidates,) cost of each, positive; None: one each, so that the number is minimised
     standing : candidates that are there already: they always see, are never chosen and cost nothing
+    survive : the set certifies the network after any so many of its cameras fail, standing ones too: every way that is
+        too long needs so many cameras more
     exact_limit : lower bound by integer programming up to this many candidates, by linear programming beyond
     time_limit_s : processor time for improvement and bound; a first certified set is found whatever it takes
     seed : of the neighbourhoods' order
@@ -118,7 +121,7 @@ def place_cameras(
     """
     weight = np.ones(n_candidates) if costs is None else np.asarray(costs, dtype=float)
     search = _Search(
-        roads, usable_coverage(roads, candidates, least_view_m), weight, limit_m, standing, progress
+        roads, usable_coverage(roads, candidates, least_view_m), weight, limit_m, standing, survive, progress
     )
     search.check(n_candidates)
     search.first()
@@ -147,11 +150,13 @@ class _Search:
         weight: Array,
         limit_m: float,
         standing: IntArray | None,
+        survive: int,
         progress: Callable[[float], None] | None,
     ) -> None:
         self._begun = time.process_time()
         self._usable, self._weight, self._progress = usable, weight, progress
         self._search = WaySearch(roads, usable, limit_m, standing)
+        self._survive = survive
         self._whole_costs = bool(np.allclose(weight, np.round(weight)))
         self.problem = HittingSet(weight)
         self.best: IntArray = np.array([], dtype=np.int64)
@@ -169,7 +174,13 @@ class _Search:
         return float(self._weight[chosen].sum())
 
     def _learn(self, ways: list[Way]) -> None:
-        self.problem.add(self._search.cameras_on(way) for way in ways)
+        for way in ways:
+            on = self._search.cameras_on(way)
+            free = on.difference(self._search.standing.tolist())
+            need = self._survive + 1 - len(on) + len(free)
+            if len(free) < need:
+                raise CertificateError(_too_few(way, self._search.limit_m, len(on), self._survive))
+            self.problem.add([free], need)
         self.rounds += 1
 
     def check(self, n: int) -> None:
@@ -189,12 +200,12 @@ class _Search:
 
     def _repaired(self, chosen: IntArray) -> IntArray:
         """Add candidates to a set until it is certified, then drop those that are not needed, the dearest first."""
-        while ways := self._search.violations(chosen):
+        while ways := self._search.violations(chosen, self._survive):
             self._learn(ways)
             chosen = self.problem.greedy(chosen.tolist())
         for camera in chosen[np.argsort(-self._weight[chosen], kind="stable")].tolist():
             fewer = chosen[chosen != camera]
-            if not self._search.violations(fewer):
+            if not self._search.violations(fewer, self._survive):
                 chosen = fewer
         return chosen
 
@@ -220,7 +231,7 @@ class _Search:
             if found is None or self._cost(found[0]) > worth - 1e-9:
                 return False
             chosen = np.sort(np.concatenate([kept, found[0]]))
-            ways = self._search.violations(chosen)
+            ways = self._search.violations(chosen, self._survive)
             if not ways:
                 self.best = chosen
                 return True
@@ -237,7 +248,7 @@ class _Search:
                 return
             chosen, bound = found
             self._raise(bound)
-            ways = self._search.violations(chosen)
+            ways = self._search.violations(chosen, self._survive)
             if not ways and self._cost(chosen) < self._cost(self.best) - 1e-9:
                 self.best = chosen
             elif ways:
@@ -252,3 +263,12 @@ class _Search:
     def _tell(self, until_s: float) -> None:
         if self._progress is not None:
             self._progress(min(1.0, self.spent() / until_s))
+
+
+def _too_few(way: Way, limit_m: float, candidates: int, survive: int) -> str:
+    """Say where too few candidates see a way for a network that survives failures."""
+    arc, s, _ = way[0]
+    return (
+        f"only {candidates} candidates see the unseen way longer than {limit_m:.4g} m from {s:.4g} m along road {arc}, "
+        f"and {survive + 1} are needed to survive {survive} failures: add candidates there"
+    )

@@ -1,4 +1,4 @@
-r"""Hitting sets of least cost whose rows come one after another: min w^T x, sum_{c in row} x_c >= 1, x binary.
+r"""Hitting sets of least cost whose rows come one after another: min w^T x, sum_{c in row} x_c >= need, x binary.
 
 ``relaxed`` (linear programme) and ``exact`` (integer programme, HiGHS) return lower bounds of the cost of any set that
 hits all rows, so of any set that hits further rows as well. ``greedy`` adds the candidate that hits most open rows for
@@ -23,19 +23,23 @@ class HittingSet:
 
     Attributes
     ----------
-    rows : the sets of candidates of which one must be chosen, in the order in which they came
+    rows : sets of candidates, in the order in which they came, and how many of each must be chosen
     """
 
     def __init__(self, cost: Array) -> None:
         self._cost = np.asarray(cost, dtype=float)
-        self.rows: dict[tuple[int, ...], None] = {}
+        self.rows: dict[tuple[int, ...], int] = {}
 
-    def add(self, rows: Iterable[Iterable[int]]) -> int:
-        """Add rows; returns how many were new."""
+    def add(self, rows: Iterable[Iterable[int]], need: int = 1) -> int:
+        """Add rows of which ``need`` candidates must be chosen; returns how many were new."""
         before = len(self.rows)
         for row in rows:
-            self.rows[tuple(sorted(set(row)))] = None
+            key = tuple(sorted(set(row)))
+            self.rows[key] = max(need, self.rows.get(key, 0))
         return len(self.rows) - before
+
+    def _needs(self) -> Array:
+        return np.array(list(self.rows.values()), dtype=float)
 
     def _matrix(self) -> csr_matrix:
         rows = list(self.rows)
@@ -47,22 +51,26 @@ class HittingSet:
         """Complete a set until it hits every row; returns sorted numbers."""
         matrix = self._matrix().tocsc()
         have = list(dict.fromkeys(chosen))
-        open_rows = np.asarray(matrix[:, have].sum(axis=1)).ravel() < 0.5
-        while open_rows.any():
-            best = int(np.argmax((matrix.T @ open_rows.astype(float)) / self._cost))
+        need = self._needs()
+        hits = np.asarray(matrix[:, have].sum(axis=1), dtype=float).ravel()
+        while (open_rows := hits < need - 0.5).any():
+            worth = (matrix.T @ open_rows.astype(float)) / self._cost
+            worth[have] = -1.0
+            best = int(np.argmax(worth))
             have.append(best)
-            open_rows[matrix.indices[matrix.indptr[best] : matrix.indptr[best + 1]]] = False
-        hits = np.asarray(matrix[:, have].sum(axis=1)).ravel()
+            hits[matrix.indices[matrix.indptr[best] : matrix.indptr[best + 1]]] += 1.0
         for c in sorted(have, key=lambda k: (-self._cost[k], k)):
             rows = matrix.indices[matrix.indptr[c] : matrix.indptr[c + 1]]
-            if len(rows) == 0 or hits[rows].min() > 1.5:
+            if len(rows) == 0 or (hits[rows] - need[rows]).min() > 0.5:
                 hits[rows] -= 1.0
                 have.remove(c)
         return np.array(sorted(have), dtype=np.int64)
 
     def relaxed(self) -> tuple[Array, float]:
         """Return the shares of the linear programme's solution and its value."""
-        result = milp(self._cost, bounds=Bounds(0, 1), constraints=LinearConstraint(self._matrix(), lb=1.0))
+        result = milp(
+            self._cost, bounds=Bounds(0, 1), constraints=LinearConstraint(self._matrix(), lb=self._needs())
+        )
         return np.asarray(result.x), float(result.fun)
 
     def exact(
@@ -74,16 +82,18 @@ class HittingSet:
         ----------
         time_limit_s, gap : when to stop
         free : (n,) candidates to choose from; None: all
-        kept : candidates that are chosen besides; the rows that they hit are left out, and so is their cost
+        kept : candidates that are chosen besides; the rows need fewer others by those that they hold, and their cost
+            is left out
 
         Returns
         -------
         tuple or None
             None: no such set was found in time.
         """
-        of = self._matrix()
+        of, need = self._matrix(), self._needs()
         if kept is not None:
-            of = of[np.asarray(of[:, kept].sum(axis=1)).ravel() < 0.5]
+            need = need - np.asarray(of[:, kept].sum(axis=1)).ravel()
+            of, need = of[need > 0.5], need[need > 0.5]
         columns = np.arange(len(self._cost)) if free is None else free
         if of.shape[0] == 0:
             return np.array([], dtype=np.int64), 0.0
@@ -91,7 +101,7 @@ class HittingSet:
             self._cost[columns],
             integrality=np.ones(len(columns), dtype=np.int64),
             bounds=Bounds(0, 1),
-            constraints=LinearConstraint(of[:, columns], lb=1.0),
+            constraints=LinearConstraint(of[:, columns], lb=need),
             options={"time_limit": time_limit_s, "mip_rel_gap": gap},
         )
         if result.x is None:

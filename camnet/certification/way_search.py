@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from camnet.certification.coverage import Coverage
@@ -70,9 +72,20 @@ class WaySearch:
             hit.update(self._usable.camera[rows][meets].tolist())
         return hit
 
-    def violations(self, chosen: IntArray) -> list[Way]:
-        """One unseen way longer than the limit for each place where one can begin: ends of views, starts of arcs."""
+    def violations(self, chosen: IntArray, survive: int = 0) -> list[Way]:
+        """One unseen way longer than the limit for each place where one can begin: ends of views, starts of arcs.
+
+        With ``survive`` the ways that are too long after so many cameras fail, chosen or standing, whichever they are.
+        """
         there = np.union1d(chosen, self.standing)
+        ways = self._violations(there)
+        if ways or survive == 0:
+            return ways
+        failures = itertools.combinations(there.tolist(), min(survive, len(there)))
+        found = [way for failed in failures for way in self._violations(np.setdiff1d(there, failed))]
+        return list(dict.fromkeys(found))
+
+    def _violations(self, there: IntArray) -> list[Way]:
         coverage = coverage_rows(self._usable, np.isin(self._usable.camera, there))
         ptr = _by_arc(self._roads, coverage)
         starts = [(arc, 0.0) for arc in range(self._roads.n_arcs)]

@@ -48,6 +48,8 @@ _USED_BY: dict[str, tuple[str, ...]] = {
     "existing": ("world",),
     "budget": ("world",),
     "aim_step": ("world",),
+    "survive": ("world",),
+    "private": ("world",),
     "overrides": ("world",),
     "v_lo": ("roads", "repair", "world"),
     "v_max": ("roads", "repair", "world"),

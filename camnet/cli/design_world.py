@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.arguments import numbers, positive
+from camnet.cli.arguments import numbers, positive, whole
 from camnet.cli.common import progress_bar, say
 from camnet.cli.output import Output, output_folder, print_json, write_json
 from camnet.errors import ConfigError
@@ -47,6 +47,18 @@ def add_world_options(parser: argparse.ArgumentParser) -> None:
         "--budget", type=positive, metavar="PRICE", help="most that the added cameras may cost"
     )
     group.add_argument(
+        "--survive",
+        type=whole(0, 3),
+        metavar="K",
+        help="keep the promise after any K cameras fail, those that stand too (at most 3)",
+    )
+    group.add_argument(
+        "--private",
+        type=Path,
+        metavar="GEOJSON",
+        help="areas that no camera may see, from the ground to 2 m: longitude and latitude with --origin, else metres",
+    )
+    group.add_argument(
         "--aim-step",
         type=positive,
         metavar="DEG",
@@ -73,7 +85,7 @@ def run_world(args: argparse.Namespace) -> int:
     origin = _origin(args)
     with output_folder(args, "design") as output:
         with progress_bar(1.0, "placing", "", args.quiet) as advance:
-            designed = _design(args, advance)
+            designed = _design(args, origin, advance)
         content = {**designed.report, "version": __version__}
         if output is not None:
             _write(output, content, designed, origin)
@@ -86,10 +98,11 @@ def run_world(args: argparse.Namespace) -> int:
     return 0 if content["certified"] else 1
 
 
-def _design(args: argparse.Namespace, advance: Any) -> Any:  # noqa: ANN401 - imported late
+def _design(args: argparse.Namespace, origin: Any, advance: Any) -> Any:  # noqa: ANN401 - imported late
     from camnet.config.catalogue import load_catalogue
     from camnet.experiments.design_world import design_world
     from camnet.experiments.restate import restate_class
+    from camnet.importers.geojson_areas import read_areas
 
     catalogue = load_catalogue(args.catalogue)
     scenario = _world(args)
@@ -105,6 +118,8 @@ def _design(args: argparse.Namespace, advance: Any) -> Any:  # noqa: ANN401 - im
         objective=args.objective,
         count=args.count,
         budget=args.budget,
+        survive=args.survive or 0,
+        private=() if args.private is None else read_areas(args.private, origin),
         aim_step_deg=args.aim_step or 15.0,
         time_limit_s=args.time_limit,
         seed=args.seed or 0,
@@ -242,5 +257,11 @@ def _print(content: dict[str, Any]) -> None:
         print(
             f"  {c['name']:24s} {c['camera']:16s} at ({c['x']:.1f}, {c['y']:.1f}, {c['z']:.1f}) m, "
             f"pan {c['pan_deg']:.0f}, tilt {c['tilt_deg']:.0f} degrees, price {c['price']:g}"
+        )
+    if content["after_failures"] is not None:
+        worst = content["after_failures"]
+        print(
+            f"  after any {content['survive']} fail: at most {worst['unseen_max_m']:.1f} m, "
+            f"{worst['unseen_max_s']:.1f} s out of view (without {', '.join(worst['failed'])})"
         )
     print("  certified anew from the world as written")

@@ -64,6 +64,17 @@ class Candidates:
         """Return the number of candidates."""
         return len(self.model)
 
+    def only(self, rows: IntArray) -> Candidates:
+        """Return some of the candidates."""
+        return Candidates(
+            self.position_m[rows],
+            self.look_at_m[rows],
+            self.model[rows],
+            self.mount[rows],
+            self.pan_deg[rows],
+            self.tilt_deg[rows],
+        )
+
     def views(self, models: Sequence[CameraModel], rows: IntArray) -> Views:
         """Return the fields of view of some of the candidates."""
         order = np.argsort(self.model[rows], kind="stable")

@@ -17,6 +17,7 @@ import numpy as np
 from camnet.certification.coverage import Coverage, Views
 from camnet.certification.design import Placement, place_cameras
 from camnet.certification.way_limits import LimitedWays, reachable_arcs, ways_as_one
+from camnet.certification.way_search import coverage_rows
 from camnet.certification.ways import Ways, cover_ways, join_coverage
 from camnet.config.catalogue import CatalogueCamera
 from camnet.config.models import FixedCamera, Scenario
@@ -25,13 +26,15 @@ from camnet.experiments.certified import Certified
 from camnet.experiments.certify_path import follow
 from camnet.experiments.certify_world import alone, certify_world, limit_of
 from camnet.experiments.design_mounts import Candidates, candidates_at
+from camnet.experiments.design_private import keep_private
 from camnet.experiments.design_roads import best_placement
-from camnet.experiments.promise_world import Limit, fixed_views, solids_of, target_features
+from camnet.experiments.promise_world import Limit, fixed_views, solids_of, target_features, watch
 from camnet.experiments.restate import restate_pixels
 from camnet.experiments.target_groups import target_groups
 from camnet.experiments.world_ways import drawn_ways, driven_ways
 from camnet.geometry.pixel_density import pixels_per_metre
 from camnet.geometry.settings import CameraModel, FixedPose
+from camnet.importers.geojson_areas import NamedArea
 from camnet.importers.mounts import Mount
 from camnet.motion.road import RoadMotion
 from camnet.motion.settings import VectorFieldTarget
@@ -115,6 +118,8 @@ def design_world(
     objective: str | None = None,
     count: int | None = None,
     budget: float | None = None,
+    survive: int = 0,
+    private: Sequence[NamedArea] = (),
     aim_step_deg: float = 15.0,
     time_limit_s: float = 60.0,
     seed: int = 0,
@@ -132,6 +137,8 @@ def design_world(
     objective : ``cheapest`` (default), ``fewest``, or ``margin``: the shortest out of view with at most ``count``
         cameras, within ``budget``, or with the fewest that keep the limit
     count, budget : most cameras, and most money, that may be added
+    survive : the limit is kept after any so many cameras fail
+    private : areas that no camera may see (``design_private``)
     aim_step_deg : between two directions of a candidate, degrees
     time_limit_s, seed, progress : of ``place_cameras``
 
@@ -150,6 +157,9 @@ def design_world(
     _ask_for_something(sites, limit)
     models = [camera.model(pixels_per_metre(pixel_class or "detect")) for camera in catalogue]
     candidates = candidates_at(mounts, models, aim_step_deg)
+    tried = len(candidates)
+    if private:
+        candidates = keep_private(candidates, models, sites[0].network, private, keep)
     price = np.array([c.price for c in catalogue])[candidates.model]
     price = price + np.array([m.cost for m in mounts])[candidates.mount]
     standing = scenario.fixed_cameras if keep else ()
@@ -162,7 +172,7 @@ def design_world(
 
     def place(share: float) -> Placement:
         return place_cameras(
-            roads, cover, n + len(there), share * (1.0 - _SPARE), costs=weight, standing=there,
+            roads, cover, n + len(there), share * (1.0 - _SPARE), costs=weight, standing=there, survive=survive,
             exact_limit=len(weight), time_limit_s=time_limit_s, seed=seed, progress=progress,
         )  # fmt: skip
 
@@ -170,6 +180,7 @@ def design_world(
     chosen = seeing[found.chosen]
     designed = world_with(scenario, candidates, mounts, models, chosen, keep, limit)
     certified = _confirm(designed, limit, share)
+    failures = check_failures(designed, limit, share, survive) if survive else None
     cameras = [_row(candidates, mounts, catalogue, k) for k in chosen.tolist()]
     for row, camera in zip(cameras, designed.fixed_cameras[len(standing) :], strict=True):
         row["name"] = camera.name
@@ -185,8 +196,12 @@ def design_world(
         "cameras": cameras,
         "standing": [camera.name for camera in standing],
         "mounts": len(mounts),
-        "candidates": len(candidates),
+        "candidates": tried,
+        "candidates_that_may": len(candidates),
         "candidates_that_see": n,
+        "survive": survive,
+        "after_failures": failures,
+        "private": [area.name for area in private],
         "pixel_class": pixel_class or "detect",
         "pixels_per_m": pixels_per_metre(pixel_class or "detect"),
         "limit_m": limit.off_m,
@@ -333,6 +348,37 @@ def _confirm(designed: Scenario, limit: Limit, share: float) -> Certified:
         why = "; ".join(promise["reasons"])
         raise CertificateError(f"the certifier does not confirm the solver's answer: {why}")
     return certified
+
+
+def check_failures(designed: Scenario, limit: Limit, share: float, survive: int) -> dict[str, Any]:
+    """Return the longest stretches out of view after any ``survive`` cameras fail, and which failures those are.
+
+    Raises
+    ------
+    CertificateError
+        They exceed what is allowed.
+    """
+    watched: list[tuple[Ways, Coverage]] = []
+    names: list[str] = []
+    for site in site_ways(designed):
+        views, names = fixed_views(site.network)
+        assert views is not None
+        solids, features = solids_of(site.network), target_features(site.network)
+        watched += [(ways, cover_ways(ways, views, solids, features)) for ways in site.ways]
+    none: tuple[int, ...] = ()
+    worst_m, worst_s = (-1.0, none), (-1.0, none)
+    for failed in itertools.combinations(range(len(names)), min(survive, len(names))):
+        left = [watch(w, coverage_rows(c, ~np.isin(c.camera, failed))) for w, c in watched]
+        worst_m = max(worst_m, (max(w.in_m.longest[0] for w in left), failed))
+        worst_s = max(worst_s, (max(w.in_s.longest[0] for w in left), failed))
+    far, late = (np.inf if v is None else share * v + 1e-6 for v in (limit.off_m, limit.off_s))
+    lost = [names[k] for k in worst_s[1]]
+    if worst_m[0] > far or worst_s[0] > late:
+        raise CertificateError(
+            f"the certifier does not confirm the solver's answer: without {', '.join(lost)} a target is out of view "
+            f"for {worst_m[0]:.4g} m, {worst_s[0]:.4g} s"
+        )
+    return {"unseen_max_m": worst_m[0], "unseen_max_s": worst_s[0], "failed": lost}
 
 
 def _row(

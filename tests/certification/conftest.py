@@ -43,11 +43,23 @@ class Rays:
             out += [hit[0] < 0 for hit in found]
         return np.array(out, dtype=bool)
 
+    def sees(self, world, camera, point) -> np.ndarray:
+        """Whether one fixed camera of a world's data sees points (n, 3), by projection and rays."""
+        model = next(m for m in world["cameras"] if m["name"] == camera["camera"])
+        c, eye = model["intrinsics"], np.array(camera["pose"]["position_m"], float)
+        ray = (point - eye) @ to_matrix(look_at(eye, np.array(camera["pose"]["look_at_m"], float)))
+        inside = (ray[:, 2] > model["near_m"]) & (ray[:, 2] < model["far_m"])
+        rows = np.flatnonzero(inside)
+        u, v = (c[f"f{a}_px"] * ray[rows, j] / ray[rows, 2] + c[f"c{a}_px"] for j, a in enumerate("xy"))
+        inside[rows] = (u >= 0) & (v >= 0) & (u <= c["width_px"]) & (v <= c["height_px"])
+        rows = np.flatnonzero(inside)
+        inside[rows] = self.clear(np.repeat(eye[None], len(rows), axis=0), point[rows])
+        return inside
+
     def longest_hidden(self, world, step_m=0.02) -> float:
         """Longest stretch of the first road, closed, on which no camera sees all features, by projection and rays."""
         for solid in world["occluders"]:
             self.box(solid["shape"]["min_m"], solid["shape"]["max_m"])
-        k = {c["name"]: c["intrinsics"] | {r: c[r] for r in ("near_m", "far_m")} for c in world["cameras"]}
         corners = np.array(world["roads"][0]["points_m"], float)
         corners = np.vstack([corners, corners[:1]])
         length = np.linalg.norm(np.diff(corners, axis=0), axis=1)
@@ -59,17 +71,10 @@ class Rays:
         place = corners[i] + (s - ends[i])[:, None] * along
         seen = np.zeros(len(s), dtype=bool)
         for camera in world["fixed_cameras"]:
-            c, eye = k[camera["camera"]], np.array(camera["pose"]["position_m"], float)
-            turn = to_matrix(look_at(eye, np.array(camera["pose"]["look_at_m"], float)))
             whole = np.ones(len(s), dtype=bool)
             for x, y in ((0.12, 0.12), (0.12, -0.12), (-0.12, -0.12), (-0.12, 0.12)):
                 point = np.c_[place + x * along + y * across, np.full(len(s), 0.3)]
-                ray = (point - eye) @ turn
-                u, v = (c[f"f{a}_px"] * ray[:, j] / ray[:, 2] + c[f"c{a}_px"] for j, a in enumerate("xy"))
-                whole &= (ray[:, 2] > c["near_m"]) & (ray[:, 2] < c["far_m"])
-                whole &= (u >= 0) & (v >= 0) & (u <= c["width_px"]) & (v <= c["height_px"])
-                rows = np.flatnonzero(whole)
-                whole[rows] = self.clear(np.repeat(eye[None], len(rows), axis=0), point[rows])
+                whole &= self.sees(world, camera, point)
             seen |= whole
         best = run = 0
         for here in np.r_[seen, seen]:

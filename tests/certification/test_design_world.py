@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from camnet.certification.design import place_cameras
+from camnet.certification.hitting_set import HittingSet
 from camnet.certification.way_limits import LimitedWays, ways_as_one
 from camnet.cli.main import main
 from camnet.config.catalogue import load_catalogue
@@ -127,7 +128,7 @@ def test_cameras_that_stand_are_kept(capsys, depot):
 
 
 def test_money_and_number_bound_a_design(capsys, depot):
-    few = (depot, "--mounts", "walls:8,5", "--off-max", "30", "--existing", "replace", "--aim-step", "45")
+    few = (depot, *_FEW)
     _, cheapest = design(capsys, *few)
     assert "allow more money" in refused(capsys, *few, "--budget", cheapest["price"] - 1.0)
     money = 2.0 * cheapest["price"]
@@ -139,6 +140,71 @@ def test_money_and_number_bound_a_design(capsys, depot):
     assert fewest["count"] <= cheapest["count"]
     assert fewest["price"] >= cheapest["price"]
     assert "allow more cameras" in refused(capsys, *few, "--count", fewest["count"] - 1)
+
+
+_FEW = ("--mounts", "walls:8,5", "--off-max", "30", "--existing", "replace", "--aim-step", "45")
+
+
+def test_a_design_survives_the_failure_of_any_camera(capsys, depot, rays, tmp_path):
+    status, report = design(capsys, depot, *_FEW, "--survive", "1", "--out", tmp_path / "d")
+    assert (status, report["certified"]) == (0, True)
+    assert report["price"] <= 1.15 * report["lower_bound"]
+    world = yaml.safe_load((tmp_path / "d" / "world.yaml").read_text())
+    worst = report["after_failures"]
+    assert worst["unseen_max_s"] <= 30.0
+    (lost,) = worst["failed"]
+    left = [c for c in world["fixed_cameras"] if c["name"] != lost]
+    hidden = rays.longest_hidden({**world, "fixed_cameras": left})
+    assert hidden == pytest.approx(worst["unseen_max_m"], abs=0.2)
+    for camera in left[::3]:
+        rays.clean()
+        others = [c for c in world["fixed_cameras"] if c is not camera]
+        assert rays.longest_hidden({**world, "fixed_cameras": others}) <= worst["unseen_max_m"] + 0.2
+
+
+def test_no_camera_sees_a_private_area(capsys, depot, coarse, rays, tmp_path):
+    low, high = (27.5, -5.0), (31.0, 5.0)
+    ring = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]], [low[0], low[1]]]
+    area = tmp_path / "private.geojson"
+    area.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    points = np.random.default_rng(0).uniform((*low, 0.0), (*high, 2.0), (5000, 3))
+
+    def seen(folder):
+        world = yaml.safe_load((folder / "world.yaml").read_text())
+        return any(rays.sees(world, camera, points).any() for camera in world["fixed_cameras"])
+
+    for solid in yaml.safe_load((coarse / "world.yaml").read_text())["occluders"]:
+        rays.box(solid["shape"]["min_m"], solid["shape"]["max_m"])
+    assert seen(coarse)
+    status, report = design(capsys, depot, *_FEW, "--private", area, "--out", tmp_path / "d")
+    assert (status, report["certified"]) == (0, True)
+    assert report["candidates_that_may"] < report["candidates"]
+    assert not seen(tmp_path / "d")
+    standing = (depot, "--mounts", "walls:8,5", "--off-max", "30", "--private", area, "--aim-step", "45")
+    assert "which stands, sees a private area" in refused(capsys, *standing)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_hitting_sets_that_need_several_agree_with_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    cost = rng.integers(1, 6, 8).astype(float)
+    problem = HittingSet(cost)
+    sizes = [(int(rng.integers(3, 6)), int(rng.integers(1, 4))) for _ in range(6)]
+    rows = [(rng.choice(8, size, replace=False).tolist(), need) for size, need in sizes]
+    for row, need in rows:
+        problem.add([row], need)
+    sets = (np.flatnonzero([k >> j & 1 for j in range(8)]) for k in range(256))
+    good = [s for s in sets if all(len(np.intersect1d(s, row)) >= need for row, need in rows)]
+    best = min(cost[s].sum() for s in good)
+    chosen, bound = problem.exact(5.0, 0.0)
+    assert cost[chosen].sum() == pytest.approx(best)
+    assert bound == pytest.approx(best)
+    assert problem.relaxed()[1] <= best + 1e-9
+    greedy = problem.greedy([1])
+    assert any(np.array_equal(greedy, s) for s in good)
+    kept = good[-1][:2]
+    others, _ = problem.exact(5.0, 0.0, kept=kept, free=np.setdiff1d(np.arange(8), kept))
+    assert any(np.array_equal(np.union1d(others, kept), s) for s in good)
 
 
 @pytest.mark.parametrize(
@@ -164,11 +230,12 @@ def test_what_does_not_apply_is_refused(capsys, depot, words, advice):
 
 
 @pytest.mark.parametrize(
-    "option", ["--mounts", "--catalogue", "--existing", "--budget", "--aim-step", "--set"]
+    "option",
+    ["--mounts", "--catalogue", "--existing", "--budget", "--aim-step", "--set", "--survive", "--private"],
 )
 @pytest.mark.parametrize("source", ["--roads", "--tracks"])
 def test_other_designs_refuse_what_is_for_worlds(capsys, source, option):
-    value = {"--existing": "keep", "--budget": "3", "--aim-step": "3"}.get(option, "x")
+    value = {"--existing": "keep", "--budget": "3", "--aim-step": "3", "--survive": "1"}.get(option, "x")
     assert f"{option} {value}" in refused(capsys, source, "file", option, value)
 
 
