@@ -121,3 +121,22 @@ def test_velocities_stay_within_their_bounds():
         observer.predict(0.1, c)
     assert np.linalg.norm(observer.nu[:3]) <= 0.5 + 1e-12
     assert np.linalg.norm(observer.nu[3:]) <= 0.4 + 1e-12
+
+
+def test_in_the_camera_frame_the_acceleration_is_no_function_of_pose_and_velocity():
+    """The printed form: nu in camera axes holds ``-w_c^x v``, which the regressors do not know."""
+    p, _, nu = truth(T)
+    states = camera().states(T)
+    into = rot.conjugate(states.q_world)
+    in_camera = np.concatenate([rot.rotate(into, nu[:, :3]), rot.rotate(into, nu[:, 3:])], axis=1)
+    misses = []
+    for values in (nu, in_camera):
+        model = AccelerationModel(AccelerationSettings(), CENTRES)
+        model.learn_stretch(T, p, values)
+        for _ in range(5):
+            model.step(1e5)
+        accel = np.gradient(values[:, :3], T, axis=0)[1:-1]
+        said = (model.sigma(p, values) @ model.weights)[1:-1, :3]
+        misses.append(np.sqrt(np.mean(np.sum((said - accel) ** 2, axis=1))))
+    assert misses[0] < 5e-3
+    assert misses[1] > 5.0 * misses[0]
