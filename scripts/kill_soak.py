@@ -195,7 +195,8 @@ def soak(name: str, kills: int, rng: random.Random, base: Path, python: str) -> 
             "--quiet",
         )
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        subprocess.run([python, "-m", "camnet.cli.main", *words], check=True, env=environment)
+        command = [python, "-m", "camnet.cli.main", *words]
+        subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)
     alone, again = base / f"{name}-alone" / "out", base / f"{name}-again" / "out"
     took = 0.0
     for folder in (alone, again):
