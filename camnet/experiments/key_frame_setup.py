@@ -47,14 +47,18 @@ __all__ = [
     "make_scene",
 ]
 
-_GYRO = {"gyro_noise_radps": 0.004}
+_GYRO_NOISE_RADPS = 0.004
 #: what is wrong with the odometry, by case
 CASES: Mapping[str, OdometryErrors] = {
-    "gyro_scale": OdometryErrors(gyro_scale=0.0228, **_GYRO),
+    "gyro_scale": OdometryErrors(gyro_scale=0.0228, gyro_noise_radps=_GYRO_NOISE_RADPS),
     "mixed": OdometryErrors(
-        gyro_scale=0.016, gyro_bias_radps=(0.0, -0.0006, 0.0), scale=0.02, slip=0.05, **_GYRO
+        gyro_scale=0.016,
+        gyro_bias_radps=(0.0, -0.0006, 0.0),
+        scale=0.02,
+        slip=0.05,
+        gyro_noise_radps=_GYRO_NOISE_RADPS,
     ),
-    "slip": OdometryErrors(slip=0.15, **_GYRO),
+    "slip": OdometryErrors(slip=0.15, gyro_noise_radps=_GYRO_NOISE_RADPS),
 }
 #: knots of the path, s
 _KNOT_S = 0.1

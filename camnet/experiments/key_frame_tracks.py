@@ -133,4 +133,4 @@ class SimulatedKeyFrames:
         rate = n.slip_px * self._rng.standard_normal((count, 2))
         step = n.drift_px * drift + slips[..., None] * rate
         step[0] = 0.0
-        return n.noise_px * white + np.cumsum(step, axis=0)
+        return np.asarray(n.noise_px * white + np.cumsum(step, axis=0), dtype=np.float64)
