@@ -40,6 +40,8 @@ PREDICTORS = ("replay", "velocity_field", "acceleration", "constant_velocity", "
 #: where the target may be, scene frame, m: what the camera can see of it at its ranges
 _BOX = np.array([[1.5, -3.5, -3.0], [8.5, 3.5, 3.0]])
 _SPACING_M, _WIDTH_M, _KERNELS_M = 0.5, 0.5, 0.8
+#: ways of a fork nearer than this are still one, m
+_ONE_WAY_M = 0.1
 _STILL = CameraMotion(np.zeros(3), IDENTITY.copy(), np.zeros(3), np.zeros(3))
 
 
@@ -54,6 +56,7 @@ class Gap:
     error_m : by predictor, m
     nearest_m : error of the nearest of replay's futures, m
     futures : how many replay stated
+    across_fork : the ways were one when the target went out of view and more than ``apart_m`` apart when it came back
     truth, predicted : (2,) true and replayed position in the ground plane, scene frame, m
     """
 
@@ -63,6 +66,7 @@ class Gap:
     error_m: Mapping[str, float]
     nearest_m: float
     futures: int
+    across_fork: bool
     truth: Array
     predicted: Array
 
@@ -151,7 +155,7 @@ def predict_gaps(
     settings : of the replay
     rate_hz : of the images
     """
-    relative = scene_truth(scene)[0]
+    relative, apart = scene_truth(scene)[0], scene.target.apart_m
     replay, field = Replay(settings), FieldPredictor(rate_hz)
     acceleration = AccelerationPredictor(scene, tracks)
     out = []
@@ -180,6 +184,7 @@ def predict_gaps(
                 {name: float(np.linalg.norm(p - truth)) for name, p in predicted.items()},
                 min(float(np.linalg.norm(f.p - truth)) for f in futures),
                 len(futures),
+                bool(apart[off] < _ONE_WAY_M and apart[k] > settings.apart_m),
                 truth[:2],
                 futures[0].p[:2],
             )

@@ -73,7 +73,8 @@ class MovingSetUp(Settings):
 class TargetWay:
     """True motion at K times: position (K, 3) m, heading and its rate (K,), velocity (K, 3) m/s, lap (K,), inner way.
 
-    ``inner`` (K,) says on which way of a branch the target is; ``lap`` counts from 0.
+    ``inner`` (K,) says on which way of a branch the target is, ``apart_m`` (K,) how far the two ways are apart there;
+    ``lap`` counts from 0.
     """
 
     p_world: Array
@@ -82,6 +83,7 @@ class TargetWay:
     v_world: Array
     lap: IntArray
     inner: BoolArray
+    apart_m: Array
 
     @property
     def r_world(self) -> Array:
@@ -218,6 +220,7 @@ def _target(setup: MovingSetUp, t: Array, way: Way, rng: np.random.Generator, re
         along * (here[3] * pace)[:, None],
         number,
         inner[number],
+        np.interp(at, theta, setup.branch_m * bump) * (way == "branch"),
     )
 
 

@@ -119,6 +119,8 @@ def _branch(setup: MovingSetUp, gaps: Sequence[Gap]) -> dict[str, Any]:
     rows = _gap_rows(gaps)
     if gaps:
         rows["holds_true_share"] = float(np.mean([g.nearest_m < setup.replay.apart_m for g in gaps]))
+        across = [g.nearest_m < setup.replay.apart_m for g in gaps if g.across_fork]
+        rows["across_fork"] = {"holds_true": sum(across), "count": len(across)}
         rows["futures_mean"] = float(np.mean([g.futures for g in gaps]))
     return rows
 

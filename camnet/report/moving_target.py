@@ -77,7 +77,7 @@ def _errors(gaps: Mapping[str, Sequence[_Gap]], path: Path) -> None:
         axis.set(xscale="log", xlabel="error at re-sighting (m)", title=_TITLES.get(way, way))
         axis.xaxis.set_major_formatter("{x:g}")
     axes[0].set_ylabel("share of the gaps")
-    axes[0].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
     save(figure, path)
 
 
@@ -105,7 +105,8 @@ def _page(result: Mapping[str, Any], pictures: Sequence[str], folder: Path) -> N
         table(["", "figure", "limit", "reached"], checks),
     ]
     for part, title in _PARTS.items():
-        rows = [(k.replace("_", " "), *v.values()) for k, v in result[part].items() if isinstance(v, dict)]
+        there = {k: v for k, v in result[part].items() if isinstance(v, dict) and "median_m" in v}
+        rows = [(k.replace("_", " "), *v.values()) for k, v in there.items()]
         body += [f"<h2>{title}</h2>", table(["error at re-sighting", "median m", "90 % m", "gaps"], rows)]
     body += pictures
     seen = result["seen"]["by_noise"]

@@ -33,6 +33,8 @@ def test_a_small_run_has_every_part_of_the_result(tmp_path, capsys):
             entry = result[part][row]
             assert entry["count"] > 0
             assert 0.0 <= entry["median_m"] <= entry["p90_m"]
+    fork = result["branch"]["across_fork"]
+    assert 0 <= fork["holds_true"] <= fork["count"] <= result["branch"]["replay"]["count"]
     assert result["first_lap"]["replay"]["median_m"] <= result["first_lap"]["coordinated_turn"]["median_m"]
     assert set(result["never_at_rest"]) >= {"30s_pct", "150s_pct"}
     assert result["never_at_rest"]["still_camera"] == "unobservable"
