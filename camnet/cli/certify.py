@@ -7,24 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.arguments import non_negative, numbers
+from camnet.cli.arguments import non_negative
 from camnet.cli.certify_options import refuse_unused
 from camnet.cli.certify_print import print_certificate
-from camnet.cli.common import add_common, overrides, positive, progress_bar, say, warn
+from camnet.cli.common import add_common, positive, say, warn
+from camnet.cli.inputs import image_size, learned_model, read_tracks, world_of
 from camnet.cli.output import output_folder, print_json, write_json
+from camnet.cli.target_arguments import add_pixel_class, add_target_class
 from camnet.cli.traffic import kept, print_check
 
-__all__ = [
-    "CLAIMS",
-    "add_parser",
-    "add_pixel_class",
-    "add_target_class",
-    "claimed",
-    "image_size",
-    "learned_model",
-    "read_tracks",
-    "world_of",
-]
+__all__ = ["CLAIMS", "add_parser", "claimed"]
 
 _DESCRIPTION = """Certify a network before it is built.
 
@@ -130,72 +122,6 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def add_pixel_class(group: Any, words: str) -> None:  # noqa: ANN401 - argparse publishes no type for it
-    """Add ``--class``, whose names are those of EN 62676-4:2015."""
-    from camnet.geometry.pixel_classes import PIXEL_CLASSES
-
-    names = ", ".join(f"{name} {least:g}" for name, least in PIXEL_CLASSES.items())
-    group.add_argument(
-        "--class",
-        dest="pixel_class",
-        choices=tuple(PIXEL_CLASSES),
-        metavar="CLASS",
-        help=f"{words}: {names} px/m",
-    )
-
-
-def _share(text: str) -> float:
-    """Parse a number strictly between 0 and 1, for argparse."""
-    value = positive(text)
-    if value >= 1.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number between 0 and 1 was expected")
-    return value
-
-
-def add_target_class(parser: argparse.ArgumentParser) -> None:
-    """Add the target class and the dwell times that a designer states."""
-    group = parser.add_argument_group("target class and dwell times (defaults: the world's)")
-    group.add_argument("--v-max", type=positive, metavar="MPS", help="bound of the targets' speed, m/s")
-    group.add_argument("--v-lo", type=positive, metavar="MPS", help="least speed on roads, m/s")
-    group.add_argument("--extent", type=positive, metavar="M", help="radius of the targets' extent, m")
-    group.add_argument("--off-max", type=positive, metavar="S", help="longest time out of view allowed, s")
-    group.add_argument(
-        "--unseen-max-m",
-        type=positive,
-        metavar="M",
-        help="longest way out of view allowed, m; needs no speed",
-    )
-    group.add_argument(
-        "--check",
-        metavar="TRAFFIC",
-        type=Path,
-        help="with --roads: replay recorded traffic (SUMO's FCD, or tracks .csv) and list every broken promise",
-    )
-    group.add_argument(
-        "--stop-s",
-        type=non_negative,
-        metavar="S",
-        help="longest time that targets on --roads stand still while unseen, s (default 0)",
-    )
-    group.add_argument("--on-min", type=positive, metavar="S", help="least time in view needed, s")
-    group.add_argument(
-        "--model-error",
-        type=_model_error,
-        metavar="MPS",
-        help="stated velocity error of the model, m/s; or 'conformal': from the gaps of --learn or --model, no truth "
-        "needed",
-    )
-    group.add_argument(
-        "--confidence",
-        type=_share,
-        metavar="P",
-        help="of --model-error conformal: share of the gaps that keep to it, statistically (default 0.95)",
-    )
-    group.add_argument(
-        "--initial-error", type=positive, metavar="M", help="position error when a target is lost, m"
-    )
-
-
 def run(args: argparse.Namespace) -> int:
     """Load, certify, write."""
     from camnet.experiments.learned_model import save_models
@@ -250,11 +176,6 @@ def _certify(args: argparse.Namespace) -> tuple[Any, Any]:
     if args.config is not None:
         return _world(args)
     return (_city(args) if args.roads is not None else _open_site(args)), None
-
-
-def _model_error(text: str) -> float | str:
-    """Parse a velocity, m/s, or the word ``conformal``, for argparse."""
-    return text if text == "conformal" else positive(text)
 
 
 def _asked_error(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
@@ -316,35 +237,6 @@ def _extent_named(args: argparse.Namespace, certify: Any, *given: Any, **asked: 
         raise CertificateError(f"--extent {args.extent:g}: {error}") from None
 
 
-def world_of(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
-    """Load the world of the command line, its traffic expanded."""
-    from camnet.cache_folder import cache_folder
-    from camnet.config.load import load_scenario
-    from camnet.config.models import Scenario
-    from camnet.config.traffic import expand_traffic
-    from camnet.errors import ConfigError
-
-    scenario = load_scenario(args.config, overrides(args), seed=args.seed)
-    if not isinstance(scenario, Scenario):
-        raise ConfigError(
-            f"{args.config}: kind 'recorded' is no network; give a network, or --cameras DIR_OF_KRTD"
-        )
-    return scenario if scenario.traffic is None else expand_traffic(scenario, cache_folder())
-
-
-def learned_model(args: argparse.Namespace, scenario: Any) -> Any:  # noqa: ANN401 - imported late
-    """Return the models that the command line asks for by target, learned now or loaded; None without any."""
-    from camnet.experiments.learned_model import learn_models, load_models
-
-    if args.model is not None:
-        return load_models(args.model, scenario)
-    if not args.learn:
-        return None
-    seconds = scenario.run.duration_s
-    with progress_bar(seconds, "learning", "s", args.quiet) as advance:
-        return learn_models(scenario, seconds, scenario.seed, advance)
-
-
 def _growth(args: argparse.Namespace, e0_m: float) -> Any:  # noqa: ANN401 - imported late
     from camnet.certification.transitions import GrowthModel
     from camnet.errors import ConfigError
@@ -382,36 +274,6 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
             f"; recorded fixes off by at most {found['fix_error_m']:.3g} m ({found['fix_error_source']})"
         )
     return certified
-
-
-def image_size(text: str) -> tuple[int, int]:
-    """Read the width and height of ``--image``, px."""
-    from camnet.errors import ConfigError
-    from camnet.numerals import read_whole
-
-    parts = text.lower().split("x")
-    try:
-        width, height = (read_whole(part, 1, 20_000) for part in parts)
-    except ValueError as error:
-        raise ConfigError(
-            f"--image {text!r}: width x height in pixels was expected, such as 1920x1080 ({error})"
-        ) from None
-    return width, height
-
-
-def read_tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
-    """Read ``--tracks``: ETH/UCY text, or a CSV table."""
-    from camnet.importers.csv_tracks import read_csv_tracks
-    from camnet.importers.eth_tracks import read_eth_tracks
-    from camnet.importers.fixes import TrackOptions
-    from camnet.importers.geodesy import Origin
-
-    origin = None
-    if args.origin is not None:
-        names = ("latitude", "longitude", "altitude")
-        origin = Origin(*numbers("--origin", args.origin, names, "39.05,-85.53,205"))
-    read = read_eth_tracks if args.tracks.suffix == ".txt" else read_csv_tracks
-    return read(args.tracks, TrackOptions(origin=origin))
 
 
 def _city(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late

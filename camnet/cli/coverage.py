@@ -8,10 +8,11 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import non_negative, numbers
-from camnet.cli.certify import add_pixel_class, image_size, world_of
 from camnet.cli.certify_options import refuse_two_ranges
 from camnet.cli.common import add_common, add_set, positive, say, warn
+from camnet.cli.inputs import image_size, world_of
 from camnet.cli.output import output_folder, print_json, write_json
+from camnet.cli.target_arguments import add_pixel_class
 
 __all__ = ["add_parser"]
 

@@ -9,10 +9,11 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import whole
-from camnet.cli.certify import add_pixel_class, add_target_class, read_tracks
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.design_world import add_world_options, run_world
+from camnet.cli.inputs import read_tracks
 from camnet.cli.output import Output, output_folder, print_json, write_json
+from camnet.cli.target_arguments import add_pixel_class, add_target_class
 from camnet.cli.traffic import kept, print_check
 from camnet.storage.whole_file import whole_file
 

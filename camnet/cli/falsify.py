@@ -8,10 +8,10 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import whole
-from camnet.cli.certify import learned_model, world_of
 from camnet.cli.certify_options import check_learning
 from camnet.cli.common import add_common, positive, progress_bar, say
 from camnet.cli.falsify_closed import EPILOG, add_closed_loop, refuse_closed_options, run_closed
+from camnet.cli.inputs import learned_model, world_of
 from camnet.cli.output import output_folder, print_json, write_json
 
 __all__ = ["add_parser"]

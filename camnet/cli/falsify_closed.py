@@ -9,8 +9,8 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import non_negative, positive, whole
-from camnet.cli.certify import learned_model, world_of
 from camnet.cli.common import progress_bar, say
+from camnet.cli.inputs import learned_model, world_of
 from camnet.cli.output import output_folder, print_json, write_json
 
 __all__ = ["EPILOG", "add_closed_loop", "refuse_closed_options", "run_closed"]
