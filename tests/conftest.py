@@ -27,7 +27,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 #: moment is compiled twice, so the estimators in rows come early in one and late in the other. The longest row first.
 _TOGETHER = {
     "batch": ("batch/test_batch_estimator", "batch/", "training/"),
-    "flight": ("cli/test_simulate", "control/", "simulation/", "cli/", "agents/", "env/"),
+    "flight": ("robustness/", "cli/test_simulate", "control/", "simulation/", "cli/", "agents/", "env/"),
     "adate": ("adate/", "visual/", "kalman/", "planner/", "estimation/test_adate_filter.py"),
     "structure": ("structure/", "experiments/test_distance_observers"),
     "certificates": ("certification/", "experiments/", "sensing/"),

@@ -61,7 +61,7 @@ def test_a_full_disk_gives_one_warning(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.WARNING, logger="camnet"):
         store.save("kernel", "source", "a", 1)
         store.save("kernel", "source", "b", 2)
     assert [r.getMessage() for r in caplog.records] == [

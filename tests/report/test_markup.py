@@ -19,7 +19,21 @@ HOSTILE = (
     "<script>alert(1)</script>|`$x^$` \"'><img src=x onerror=y>\n| a | b |\n# [t](javascript:z) & \\| \x07"
 )
 ALLOWED = {"html", "head", "meta", "title", "style", "body", "h1", "h2", "p", "b", "div", "small", "pre"}
-ALLOWED |= {"table", "tr", "th", "td", "ul", "li", "img", "video", "svg", "polygon", "polyline"}
+ALLOWED |= {
+    "table",
+    "tr",
+    "th",
+    "td",
+    "ul",
+    "li",
+    "img",
+    "video",
+    "svg",
+    "polygon",
+    "polyline",
+    "path",
+    "text",
+}
 
 
 class _Page(HTMLParser):

@@ -57,6 +57,7 @@ def run_all(
                     more = False
                     break
                 case, real = following
+                real = real or "torch" in sys.modules  # its threads do not outlive a fork
                 running.append((_start(stage, case, root / str(number), real), real))
                 number += 1
             for entry in list(running):
