@@ -26,6 +26,7 @@ def _soak(project_root: Path, *words: str) -> dict[str, object]:
 
 
 @linux
+@pytest.mark.slow  # about 50 s, and a checkout that nobody changes meanwhile
 def test_killed_seeds_go_on_as_if_nothing_had_been(project_root: Path) -> None:
     assert _soak(project_root, "--kills", "2", "--commands", "simulate")["kills"] == 2
 
