@@ -159,7 +159,7 @@ def _watched(network: Network, followed: PathWays) -> Watched:
 
 
 def path_gaps(watched: Watched) -> list[PathGap]:
-    """List the unseen stretches between views, the longest one for each pair of views; round and round, once."""
+    """List the unseen stretches between views, the longest one for each pair of views; a closed path counts once."""
     ways, seen = watched.ways, watched.stretches
     arcs, starts, ends = seen.arc.tolist(), seen.start_m.tolist(), seen.end_m.tolist()
     if not arcs:

@@ -34,7 +34,7 @@ __all__ = ["Candidates", "candidates_at", "outline_mounts", "wall_mounts"]
 _BRACKET_M = 0.1
 #: the outline of a site runs this far outside its ways and walls, m
 _OUTSIDE_M = 1.0
-#: distance of the point that a camera is said to look at, m
+#: distance of the point that a camera looks at, m
 _AXIS_M = 10.0
 #: most candidates: cameras, places and directions
 _MOST_CANDIDATES = 100_000

@@ -225,7 +225,7 @@ def _target(setup: MovingSetUp, t: Array, way: Way, rng: np.random.Generator, re
 
 
 def _in_view(setup: MovingSetUp, t: Array, rng: np.random.Generator) -> BoolArray:
-    """In view while at rest and for some time after, then by turns out of view and in view."""
+    """In view while at rest and for some time after, then alternately out of view and in view."""
     seen = np.ones(len(t), dtype=bool)
     at = setup.rest_s + rng.uniform(*setup.seen_s)
     while at < t[-1]:

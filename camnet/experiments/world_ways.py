@@ -3,7 +3,7 @@
 | target | ways | span |
 | --- | --- | --- |
 | ``road`` | every walk over the roads that it can reach, as drawn, and as driven around bends | unlimited |
-| ``vector_field`` | its one path: on to where it closes, then round and round | unlimited, else a stated time |
+| ``vector_field`` | its one path: on to where it closes, then repeated laps | unlimited, else a stated time |
 | ``track`` | the recording is one of the ways of its class, which may go anywhere | the recording |
 
 Road targets cut corners: a driven way is the motion's own from the middle of one road to the middle of the next, for

@@ -7,7 +7,7 @@
 | ``d_{k/c}`` | ``d_kc`` | (T,) | m | mean over the features that remain |
 | | ``usable`` | (T,) | - | all features that remain are past their dwell time, and they are enough |
 
-The images of a key frame are worked on together: what is said of an image depends on it and those before it alone.
+The images of a key frame are processed together; the result for an image depends only on it and on earlier ones.
 The expected pose is that by odometry since the key frame was taken. bell2019 takes it from the pose estimate, whose
 resets at landmarks would move the key frame.
 """
