@@ -60,6 +60,7 @@ def load(state: State, lanes: Array, e: int) -> None:
         x, lane, n = lanes[k // LANES], k % LANES, min(k, agents - 1)
         load_flight(x, lane, state.bodies, state.memory, state.cameras, e, n)
         load_plan(x, lane, state.motion, state.setpoint, e, n)
+        put(x, WIND, lane, (state.wind[e, 0], state.wind[e, 1], state.wind[e, 2]))
     for b in range(lanes.shape[0]):
         note_joints(lanes[b])
     lanes[0, NEAR * LANES] = 1.0 if collided(state, e) else 0.0
@@ -75,13 +76,14 @@ def store(state: State, lanes: Array, e: int) -> None:
 
 
 @inner
-def _blow(model: Model, state: State, e: int, b: int, x: Array) -> None:
+def _blow(state: State, e: int, b: int, x: Array) -> None:
     """Let the gusts blow on the agents of the workspace ``x``, the ``b``-th of environment ``e``."""
     last = state.bodies.shape[1] - 1
     for i in range(LANES):
         g, n = state.gust, min(LANES * b + i, last)
         gust = (g[e, n, 0], g[e, n, 1], g[e, n, 2])
-        put(x, WIND, i, (model.wind[0] + gust[0], model.wind[1] + gust[1], model.wind[2] + gust[2]))
+        mean = state.wind
+        put(x, WIND, i, (mean[e, 0] + gust[0], mean[e, 1] + gust[1], mean[e, 2] + gust[2]))
 
 
 @inner
@@ -129,7 +131,7 @@ def _blow_all(model: Model, state: State, block: IntArray) -> None:
     for k in range(block.shape[0]):
         _air(model, state, block[k])
         for b in range(state.lanes.shape[1]):
-            _blow(model, state, block[k], b, state.lanes[k, b])
+            _blow(state, block[k], b, state.lanes[k, b])
 
 
 @inner

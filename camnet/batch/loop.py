@@ -109,7 +109,8 @@ def _step_targets(model: Model, state: State, block: IntArray) -> None:
         else:
             for e in block:
                 t_s, row = time_of(model, state, e), e * (2 + targets) + 2 + m
-                step_target(t, m, state.target, state.inner, e, t_s, dt, state.streams, row)
+                plan = state.plans[e, m]
+                step_target(t, m, state.target, state.inner, e, t_s, dt, state.streams, row, plan)
 
 
 @inner

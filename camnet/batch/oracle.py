@@ -18,6 +18,7 @@ from camnet.batch.network import Model, network_at
 from camnet.batch.observe import due, find_entries, forget_entries
 from camnet.batch.random import Streams
 from camnet.batch.state import State, state_at
+from camnet.batch.target_planned import PLAN
 from camnet.estimation.observation import LOST_PERIODS
 from camnet.geometry.pinned import Pins
 from camnet.types import Array, IntArray
@@ -31,6 +32,7 @@ class Oracle(NamedTuple):
     Attributes
     ----------
     target, inner, streams : (E, M, 13), (E, M, 8), (E * M, 4) as in `State`, at the steps ``made`` (E,)
+    plans : (E, M, PLAN) as there
     ring : (E, L, M, 3) points of the last L steps
     at : (E, M) time of the last sensing, s
     """
@@ -38,6 +40,7 @@ class Oracle(NamedTuple):
     target: Array
     inner: Array
     streams: Streams
+    plans: Array
     made: IntArray
     ring: Array
     at: Array
@@ -56,6 +59,7 @@ def allocate_oracle(model: Model, environments: int) -> Oracle:
         np.zeros((e, m, 13)),
         np.zeros((e, m, 8)),
         np.zeros((e * m, 4), dtype=np.uint64),
+        np.zeros((e, m, PLAN)),
         np.zeros(e, dtype=np.int64),
         np.zeros((e, length, m, 3)),
         np.zeros((e, m)),
@@ -67,6 +71,7 @@ def reset_oracle(oracle: Oracle, state: State, e: int) -> None:
     m = state.target.shape[1]
     oracle.target[e], oracle.inner[e], oracle.made[e] = state.target[e], state.inner[e], 0
     oracle.streams[e * m : (e + 1) * m] = state.streams[e * (2 + m) + 2 : (e + 1) * (2 + m)]
+    oracle.plans[e] = state.plans[e]
     oracle.ring[e, 0] = state.target[e, :, :3]
 
 
@@ -94,8 +99,9 @@ def _run_ahead(oracle: Oracle, model: Model, e: int, until: int) -> None:
         oracle.made[e] += 1
         for m in range(targets):
             row = e * targets + m
+            plan = oracle.plans[e, m]
             step_target(
-                model.targets, m, oracle.target, oracle.inner, e, t_s, model.dt_s, oracle.streams, row
+                model.targets, m, oracle.target, oracle.inner, e, t_s, model.dt_s, oracle.streams, row, plan
             )
             for i in range(3):
                 oracle.ring[e, oracle.made[e] % length, m, i] = oracle.target[e, m, i]

@@ -30,6 +30,7 @@ from camnet.compiled import announce
 from camnet.copies import ExactCopies
 from camnet.errors import ConfigError, SimulationError
 from camnet.geometry.pinned import call_compiled
+from camnet.motion.protocol import TargetMotion
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, IntArray
 
@@ -194,8 +195,19 @@ class BatchSimulation(ExactCopies):
         tables = tabulate(chosen, network.bounds)
         return lambda count: _Frozen(network, chosen, tables, count)
 
-    def reset(self, chosen: IntArray, seeds: Sequence[int]) -> None:
-        """Start the ``chosen`` environments anew, each by its seed, and show what is seen there."""
+    def reset(
+        self,
+        chosen: IntArray,
+        seeds: Sequence[int],
+        motions: Sequence[Sequence[TargetMotion]] | None = None,
+        winds: Array | None = None,
+    ) -> None:
+        """Start the ``chosen`` environments anew, each by its seed, and show what is seen there.
+
+        ``motions`` are the targets' in each of them, of the same laws as the network's; ``winds`` (K, 3) in m/s.
+        """
+        own = [target.motion for target in self.network.description.targets]
+        place = {e: k for k, e in enumerate(chosen.tolist())}
         self.observations = self.observations.copy()  # whoever has the old ones may keep them
         seed_of = dict(zip(chosen.tolist(), seeds, strict=True))
 
@@ -204,7 +216,10 @@ class BatchSimulation(ExactCopies):
             if not rows.size:
                 return
             for e in rows.tolist():
-                restart(group.model, self.network, group.state, e, seed_of[group.first + e])
+                k = place[group.first + e]
+                laws = own if motions is None else motions[k]
+                wind = None if winds is None else winds[k]
+                restart(group.model, laws, group.state, e, seed_of[group.first + e], wind)
                 group.estimators.reset(group.state, e)
             self._decide(group, rows, True, np.zeros((group.count, 0, 5)))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,9 +11,11 @@ import numpy as np
 from camnet.batch.lane_layout import LANES, build_lanes, on_cache_lines
 from camnet.batch.network import Model
 from camnet.batch.random import Streams, stream_of
+from camnet.batch.target_field import PACE
 from camnet.batch.target_lanes import ROWS
+from camnet.batch.target_planned import PLAN, pack_plan
 from camnet.geometry.pinned import Pins
-from camnet.simulation.network import Network
+from camnet.motion.protocol import TargetMotion
 from camnet.types import Array, IntArray
 
 __all__ = ["DELAYS", "ESTIMATE", "STATES", "State", "allocate", "restart", "state_at"]
@@ -53,7 +56,9 @@ class State(NamedTuple):
     setpoint : (E, N, 5) admissible goal (3) and gaze (2)
     gust : (E, N, 3) gusts, m/s
     cameras : (E, C, 13) p, q, v (world), w (camera)
+    wind : (E, 3) mean wind, m/s
     target, inner : (E, M, 13), (E, M, 8) as in `camnet.batch.motion`
+    plans : (E, M, PLAN) what planned targets do, as in `camnet.batch.target_planned`
     streams : (E * (2 + M), 4) random streams of sensors, air and targets
     working : (E, C) whether a camera works; one that does not sees nothing
     visible : (E, C, M) whether a camera sees a target
@@ -73,9 +78,11 @@ class State(NamedTuple):
     motion: Array
     setpoint: Array
     gust: Array
+    wind: Array
     cameras: Array
     target: Array
     inner: Array
+    plans: Array
     streams: Streams
     working: IntArray
     visible: IntArray
@@ -110,9 +117,11 @@ def allocate(model: Model, environments: int) -> State:
         motion=np.zeros((e, n, 13)),
         setpoint=np.zeros((e, n, 5)),
         gust=np.zeros((e, n, 3)),
+        wind=np.zeros((e, 3)),
         cameras=np.zeros((e, c, 13)),
         target=np.zeros((e, m, 13)),
         inner=np.zeros((e, m, 8)),
+        plans=np.zeros((e, m, PLAN)),
         streams=np.zeros((e * (2 + m), 4), dtype=np.uint64),
         working=np.ones((e, c), dtype=np.int64),
         visible=np.zeros((e, c, m), dtype=np.int64),
@@ -132,23 +141,33 @@ def allocate(model: Model, environments: int) -> State:
     )
 
 
-def restart(model: Model, network: Network, state: State, e: int, seed: int) -> None:
+def restart(
+    model: Model,
+    motions: Sequence[TargetMotion],
+    state: State,
+    e: int,
+    seed: int,
+    wind_mps: Array | None = None,
+) -> None:
     """Put environment ``e`` at the start of the episode ``seed``: that of `NetworkSimulation.reset`.
 
-    Everything is drawn from the same generators in the same order as there.
+    Everything is drawn from the same generators in the same order as there. ``motions`` are the network's, or others
+    of the same laws that begin and plan differently; ``wind_mps`` (3,) is another mean wind than the network's.
     """
     world_rng, sensor_rng = (np.random.default_rng(c) for c in np.random.SeedSequence(seed).spawn(2))
-    targets = network.description.targets
-    air_rng, *target_rngs = world_rng.spawn(1 + len(targets))
-    for m, (target, rng) in enumerate(zip(targets, target_rngs, strict=True)):
-        s = target.motion.reset(rng)
+    air_rng, *target_rngs = world_rng.spawn(1 + len(motions))
+    for m, (motion, rng) in enumerate(zip(motions, target_rngs, strict=True)):
+        s = motion.reset(rng)
         state.target[e, m] = np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body])
         state.inner[e, m] = 0.0
+        state.inner[e, m, PACE] = 1.0
         state.inner[e, m, : len(s.internal)] = s.internal
+        state.plans[e, m] = pack_plan(motion)
+    state.wind[e] = model.wind if wind_mps is None else wind_mps
     state.gust[e] = (
         air_rng.normal(scale=model.gust_std, size=state.gust[e].shape) if model.gust_std > 0 else 0.0
     )
-    first = e * (2 + len(targets))
+    first = e * (2 + len(motions))
     for k, rng in enumerate((sensor_rng, air_rng, *target_rngs)):
         state.streams[first + k] = stream_of(rng)
     _start_agents(model, state, e)

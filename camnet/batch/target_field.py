@@ -4,6 +4,7 @@
 | --- | --- |
 | 0, 1, 2 | heading (not wrapped), forward and turning speed |
 | 3, 4, 5 | loops: parameter u of the nearest place at the last look, how far it had moved since the one before, piece |
+| 6 | speed over the field's own: 1 but for planned targets |
 
 Newton's search for the nearest place of a loop begins where the place will be if it moves as it did. What it ends at
 is the nearest of all when it lies within the loop's safe distance (`camnet.batch.target_laws`); otherwise the search
@@ -17,14 +18,16 @@ import math
 import numpy as np
 
 from camnet.batch.compiled import inlined, inner
-from camnet.batch.target_laws import CELL_M, LOOP, SAFE, Targets
+from camnet.batch.target_laws import CELL_M, LOOP, PLANNED_FIELD, SAFE, Targets
 from camnet.batch.triples import circle, direction
 from camnet.motion.fields import LEAST_STRETCH, SPEED_WAVES, wave_guide
 from camnet.types import Array
 
-__all__ = ["set_planar", "step_field", "wrapped"]
+__all__ = ["PACE", "set_planar", "step_field", "wrapped"]
 
 _TWO_PI = 2.0 * math.pi
+#: column of ``inner``
+PACE = 6
 #: at most so many steps to the nearest place of a loop; when one is this short, m, the next would be its square
 _NEWTON_STEPS, CLOSE_M = 4, 1e-5
 #: x, y of a loop and their first and second derivatives by u
@@ -185,7 +188,7 @@ def _guide(
     t: Targets, m: int, inner: Array, e: int, x: float, y: float, theta: float, c: float, s: float
 ) -> tuple[float, float, float, float]:
     """Turn to the direction, the direction's gradient and the speed that the target's field wants at a point."""
-    if t.kind[m] == LOOP:
+    if t.kind[m] == LOOP or t.kind[m] == PLANNED_FIELD + LOOP:
         return _loop(t, m, inner, e, x, y, c, s)
     a = t.shape
     psi, gx, gy, v = wave_guide((x - a[m, 3]) / a[m, 0], (y - a[m, 4]) / a[m, 0], a[m, 0], a[m, 1], a[m, 2])
@@ -219,7 +222,7 @@ def drive(
 ) -> tuple[float, float]:
     """Forward and turning speed that the robot runs at a pose: `VectorFieldMotion._command`."""
     turn, grad_x, grad_y, v = _guide(t, m, inner, e, x, y, theta, c, s)
-    return driven(turn, grad_x, grad_y, v, c, s, limits_of(t, m))
+    return driven(turn, grad_x, grad_y, inner[e, m, PACE] * v, c, s, limits_of(t, m))
 
 
 @inner

@@ -14,6 +14,7 @@ import numpy as np
 from camnet.errors import ConfigError
 from camnet.motion.curve import ClosedCurve
 from camnet.motion.fields import LoopField, WaveField
+from camnet.motion.planned import PlannedField, PlannedRoad
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.replay import ReplayMotion
 from camnet.motion.road import RoadMotion
@@ -21,10 +22,22 @@ from camnet.motion.road_network import RoadNetwork
 from camnet.motion.vector_field import VectorFieldMotion
 from camnet.types import Array, IntArray
 
-__all__ = ["CELL_M", "LOOP", "ROAD", "SAFE", "TRACK", "WAVE", "Targets", "pack_targets"]
+__all__ = [
+    "CELL_M",
+    "LOOP",
+    "PLANNED_FIELD",
+    "PLANNED_ROAD",
+    "ROAD",
+    "SAFE",
+    "TRACK",
+    "WAVE",
+    "Targets",
+    "pack_targets",
+]
 
-#: kinds of law
+#: kinds of law; a planned field is a loop or a wave with ``PLANNED_FIELD`` added
 LOOP, WAVE, ROAD, TRACK = 0, 1, 2, 3
+PLANNED_FIELD, PLANNED_ROAD = 4, 6
 #: size of a cell; how far the grid reaches beyond the curve
 CELL_M, _AROUND_M = 0.25, 1.5
 #: column of ``shape`` with the square of a loop's safe distance: see ``_safe_distance``
@@ -77,6 +90,7 @@ def pack_targets(motions: list[TargetMotion]) -> Targets:
         A motion is of a kind that has no compiled form here.
     """
     packed = [_packed(motion) for motion in motions]
+    motions = [_unplanned(motion) for motion in motions]
     networks = [m.network for m in motions if isinstance(m, RoadMotion)]
     if any(network != networks[0] for network in networks):
         raise ConfigError("batch back end: all targets on roads must share one road network")
@@ -114,6 +128,13 @@ _NO_KNOTS = (np.zeros(0), np.zeros((0, 2, 4)))
 _NO_SAMPLES = (np.zeros((0, 2)), np.zeros(0))
 
 
+def _unplanned(motion: TargetMotion) -> TargetMotion:
+    """Return the motion that a planned one replaces; others are returned as they are."""
+    if isinstance(motion, PlannedRoad):
+        return motion.road
+    return motion.field if isinstance(motion, PlannedField) else motion
+
+
 def _is_loop(motion: TargetMotion) -> bool:
     return isinstance(motion, VectorFieldMotion) and isinstance(motion.field, LoopField)
 
@@ -133,6 +154,11 @@ def _one_more(coefficients: Array) -> Array:
 
 def _packed(motion: TargetMotion) -> tuple[int, list[float]]:
     """Code and numbers of a law: (0..4) of its field or range, then v_max, w_max and what its kind needs."""
+    if isinstance(motion, PlannedRoad):
+        return PLANNED_ROAD, _packed(motion.road)[1]
+    if isinstance(motion, PlannedField):
+        kind, numbers = _packed(motion.field)
+        return PLANNED_FIELD + kind, numbers
     if isinstance(motion, VectorFieldMotion):
         d, field = motion.drive, motion.field
         drive = [

@@ -10,10 +10,10 @@ from camnet.batch.target_field import set_planar, wrapped
 from camnet.batch.target_laws import Targets
 from camnet.types import Array
 
-__all__ = ["step_road"]
+__all__ = ["LEASH_STEPS", "on_road", "step_road", "way_on"]
 
 #: as in `camnet.motion.road`
-_WANDER_S, _LEASH_STEPS = 10.0, 4
+_WANDER_S, LEASH_STEPS = 10.0, 4
 
 
 @inner
@@ -28,7 +28,7 @@ def _wander(inner: Array, e: int, m: int, dt: float, streams: Streams, row: int)
 
 
 @inner
-def _on_road(t: Targets, road: int, forward: bool, arc: float, offset: float) -> tuple[float, float]:
+def on_road(t: Targets, road: int, forward: bool, arc: float, offset: float) -> tuple[float, float]:
     """Place on a road, ``offset`` to the left of the way along it."""
     begin, n = t.line_first[road], t.line_first[road + 1] - t.line_first[road]
     low, high = 0, n  # bisect_right
@@ -47,7 +47,7 @@ def _on_road(t: Targets, road: int, forward: bool, arc: float, offset: float) ->
 
 
 @inner
-def _way_on(t: Targets, road: int, forward: bool, draw: float) -> tuple[int, bool]:
+def way_on(t: Targets, road: int, forward: bool, draw: float) -> tuple[int, bool]:
     """Road and direction taken at the end of a road: `RoadNetwork.after`."""
     if t.ends[road, 0] == 1:
         return road, forward
@@ -79,7 +79,7 @@ def _run_ahead(
         if distance < left:
             return road, forward, arc + distance if forward else arc - distance
         distance -= left
-        road, forward = _way_on(t, road, forward, uniform(streams, row))
+        road, forward = way_on(t, road, forward, uniform(streams, row))
         arc = 0.0 if forward else t.lines[t.line_first[road + 1] - 1, 2]
 
 
@@ -94,13 +94,13 @@ def step_road(
     slow, fast, leash = t.shape[m, 0], t.shape[m, 1], t.shape[m, 7]
     v = 0.5 * (slow + fast) + 0.5 * (fast - slow) * math.tanh(math.sqrt(2.0) * inner[e, m, 5])
     offset = t.shape[m, 8] * math.sqrt(2.0) * inner[e, m, 7]
-    for _ in range(_LEASH_STEPS):
-        goal_x, goal_y = _on_road(t, road, forward, arc, offset)
+    for _ in range(LEASH_STEPS):
+        goal_x, goal_y = on_road(t, road, forward, arc, offset)
         slack = leash - math.sqrt((goal_x - x) ** 2 + (goal_y - y) ** 2)
         if slack <= 1e-9:
             break
         road, forward, arc = _run_ahead(t, road, forward, arc, slack, streams, row)
-    goal_x, goal_y = _on_road(t, road, forward, arc, offset)
+    goal_x, goal_y = on_road(t, road, forward, arc, offset)
     bearing = wrapped(math.atan2(goal_y - y, goal_x - x) - theta)
     sharp = math.copysign(t.shape[m, 6], bearing)  # behind: turn as sharply as allowed
     w = sharp if abs(bearing) > 0.5 * math.pi else 2.0 * v * math.sin(bearing) / leash

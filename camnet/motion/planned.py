@@ -5,20 +5,23 @@ They keep to the class of the motion that they replace: the same roads or the sa
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from camnet.errors import ConfigError
+from camnet.motion.fields import LoopField, WaveField
 from camnet.motion.protocol import TargetState, planar_state
 from camnet.motion.road import Ahead, RoadMotion
 from camnet.motion.vector_field import VectorFieldMotion
 from camnet.types import Array, Twist
 
-__all__ = ["DrivePlan", "PlannedField", "PlannedRoad"]
+__all__ = ["SPEED_LAG_S", "DrivePlan", "PlannedField", "PlannedRoad"]
 
 #: time constant with which a driver takes up another speed, s
-_SPEED_LAG_S = 1.0
+SPEED_LAG_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +37,7 @@ class DrivePlan:
     speeds : share of the speed interval in each piece of the time, from the first again after the last
     piece_s : length of such a piece, s
     stop_at_s, stop_s : when it stops, and for how long, s
+    pace : on fields, which leave no choice of speed: speed at the share 1, over the field's own (1: as the field says)
     """
 
     start: float
@@ -44,6 +48,7 @@ class DrivePlan:
     piece_s: float = 10.0
     stop_at_s: float = 0.0
     stop_s: float = 0.0
+    pace: float = 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -104,7 +109,7 @@ class PlannedRoad:
         x, y, _ = state.p_world.tolist()
         theta, road, forward, arc, v, taken = state.internal.tolist()
         stands = self.plan.stop_at_s <= t_s < self.plan.stop_at_s + self.plan.stop_s
-        v += (1.0 - math.exp(-dt_s / _SPEED_LAG_S)) * (self._wanted(t_s) - v)
+        v += (1.0 - math.exp(-dt_s / SPEED_LAG_S)) * (self._wanted(t_s) - v)
         if stands:
             return planar_state(x, y, 0.0, theta, 0.0, 0.0, (theta, road, forward, arc, v, taken))
         turns = _Turns(self.plan.turns, [int(taken)])
@@ -128,11 +133,24 @@ class PlannedRoad:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlannedField:
-    """A robot along its field that starts where the plan says, beside its path by up to ``widest_m``."""
+    """A robot along its field that starts where the plan says, beside its path by up to ``widest_m``.
+
+    Attributes
+    ----------
+    field : the motion whose field and bounds it has
+    plan : what it does
+    widest_m : offset at the start at ``plan.lateral`` = 1
+    paced : the motion in each piece of the time; all are ``field`` unless ``plan.pace`` lets it be faster or slower
+    """
 
     field: VectorFieldMotion
     plan: DrivePlan
     widest_m: float
+    paced: tuple[VectorFieldMotion, ...] = dataclasses.field(init=False)
+
+    def __post_init__(self) -> None:
+        paces = [1.0 + (self.plan.pace - 1.0) * share for share in self.plan.speeds]
+        object.__setattr__(self, "paced", tuple(_at_pace(self.field, pace) for pace in paces))
 
     @property
     def v_max_mps(self) -> float:
@@ -157,13 +175,38 @@ class PlannedField:
         return planar_state(x, y, 0.0, theta, v, w, (theta, v, w))
 
     def step(self, state: TargetState, t_s: float, dt_s: float, rng: np.random.Generator) -> TargetState:
-        """Advance as the field's robot does."""
-        return self.field.step(state, t_s, dt_s, rng)
+        """Advance as the field's robot does at the pace of this piece of the time."""
+        return self.paced[self._piece(t_s)].step(state, t_s, dt_s, rng)
 
-    def states_ahead(self, state: TargetState, dt_s: float, count: int) -> Array:
-        """Return ``count`` states ahead, as `step` makes them."""
-        return self.field.states_ahead(state, dt_s, count)
+    def poses(self, dt_s: float, count: int) -> Array:
+        """Return the pose at time 0 and ``count`` poses ahead, as `step` makes them: (count + 1, 7), p and q."""
+        state = self.reset(np.random.default_rng(0))
+        rows = [np.concatenate([state.p_world, state.q_world])[None]]
+        k = 0
+        while k < count:
+            piece = self._piece(k * dt_s)
+            last = k + 1
+            while last < count and self._piece(last * dt_s) == piece:
+                last += 1
+            ahead = self.paced[piece].states_ahead(state, dt_s, last - k)
+            rows.append(ahead[:, :7])
+            (x, y, z), (theta, v, w) = ahead[-1, :3].tolist(), ahead[-1, 13:16].tolist()
+            state, k = planar_state(x, y, z, theta, v, w, (theta, v, w)), last
+        return np.concatenate(rows)
+
+    def _piece(self, t_s: float) -> int:
+        return int(t_s / self.plan.piece_s) % len(self.paced)
 
     def velocity(self, p_world: Array, q_world: Array, t_s: float) -> Twist | None:
         """Return the velocity that the robot has at a pose."""
         return self.field.velocity(p_world, q_world, t_s)
+
+
+def _at_pace(motion: VectorFieldMotion, pace: float) -> VectorFieldMotion:
+    """Return the robot at another speed along the same field."""
+    field = motion.field
+    if pace == 1.0:
+        return motion
+    if not isinstance(field, LoopField | WaveField):
+        raise ConfigError(f"a field {type(field).__name__} has no speed that a plan could change")
+    return dataclasses.replace(motion, field=dataclasses.replace(field, speed_mps=pace * field.speed_mps))

@@ -16,8 +16,9 @@ from camnet.batch.motion import pack_targets, step_target
 from camnet.batch.random import normal, stream_of, uniform
 from camnet.batch.reference import command_of, gaze_motion, gaze_step, position_step
 from camnet.batch.simulation import _group_sizes
-from camnet.batch.target_field import step_field
+from camnet.batch.target_field import PACE, step_field
 from camnet.batch.target_lanes import ROWS, in_lanes, step_loops
+from camnet.batch.target_planned import pack_plan
 from camnet.config.load import load_scenario
 from camnet.control import reference_kernel
 from camnet.control.quadrotor_kernel import pack_model
@@ -30,8 +31,11 @@ from camnet.geometry.regions import BoxRegion, CylinderRegion
 from camnet.geometry.settings import CameraModel, Road
 from camnet.geometry.triples import log, multiply, rotate
 from camnet.motion.factory import build_motion
+from camnet.motion.planned import DrivePlan, PlannedField, PlannedRoad
+from camnet.motion.road import RoadMotion
 from camnet.motion.settings import TargetSettings
 from camnet.motion.track import Track
+from camnet.motion.vector_field import VectorFieldMotion
 from camnet.simulation.network import build_network
 from camnet.world.description import AgentSpec, WorldDescription
 from camnet.world.protocol import CameraCommand
@@ -304,12 +308,18 @@ def _targets():
     ]
     for motion, roads, record in cases:
         settings = TargetSettings(name="t", motion=motion, v_max_mps=3.0, w_max_radps=2.5)
-        yield build_motion(settings, roads, record)
+        motion = build_motion(settings, roads, record)
+        yield motion
+        plan = DrivePlan(0.3, False, -0.6, (0.1, 0.7, 0.4), (0.0, 1.0, 0.6), 4.0, 9.0, 3.0, 1.2)
+        if isinstance(motion, RoadMotion):
+            yield PlannedRoad(motion, plan, 0.4)
+        elif isinstance(motion, VectorFieldMotion):
+            yield PlannedField(motion, plan, 0.2)
 
 
 @njit
-def _moved(laws, m, now, inner, t_s, dt, streams):
-    step_target(lend(laws), m, now, inner, 0, t_s, dt, streams, m)
+def _moved(laws, m, now, inner, t_s, dt, streams, plan):
+    step_target(lend(laws), m, now, inner, 0, t_s, dt, streams, m, plan)
 
 
 def test_targets_move_as_their_laws_say():
@@ -319,13 +329,15 @@ def test_targets_move_as_their_laws_say():
     states = [motion.reset(rng) for motion, rng in zip(motions, rngs, strict=True)]
     rows = [np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body]) for s in states]
     now, inner = np.array(rows)[None], np.zeros((1, n, 8))
+    inner[..., PACE] = 1.0
+    plans = np.array([pack_plan(motion) for motion in motions])
     for m, s in enumerate(states):
         inner[0, m, : len(s.internal)] = s.internal
     streams = np.array([stream_of(rng) for rng in rngs])
     for k in range(1800):
         for m in range(n):
             states[m] = motions[m].step(states[m], k * dt, dt, rngs[m])
-            _moved(laws, m, now, inner, k * dt, dt, streams)
+            _moved(laws, m, now, inner, k * dt, dt, streams, plans[m])
         if k % 300 == 299:
             rows = [np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body]) for s in states]
             np.testing.assert_allclose(now[0], rows, rtol=0, atol=1e-9)
@@ -354,6 +366,7 @@ def test_targets_on_loops_move_in_lanes_as_they_do_alone():
     assert _in_lanes(laws)
     rng, block = np.random.default_rng(3), np.array([0, 2, 3, 5, 6, 7])
     now, inner = np.zeros((8, 1, 13)), np.zeros((8, 1, 8))
+    inner[..., PACE] = 1.0
     for e in block:
         s = motion.reset(rng)
         now[e, 0] = np.concatenate([s.p_world, s.q_world, s.v_world, s.w_body])

@@ -76,7 +76,7 @@ class Scene:
         rim = centre + radius * np.c_[np.cos(angle), np.sin(angle)]
         low, high = np.c_[rim, np.full(_SIDES, z[0])], np.c_[rim, np.full(_SIDES, z[1])]
         rings = [np.stack([ring, np.roll(ring, 1, axis=0)], axis=1) for ring in (low, high)]
-        edges = np.concatenate([np.stack([low, high], axis=1), *rings])
+        edges = np.concatenate(rings)
         self._add(
             CylinderRegion("pillar", tuple(centre), radius, z), shape, (*centre, 0.5 * (z[0] + z[1])), edges
         )
@@ -145,6 +145,16 @@ def edge_distance(eyes: np.ndarray, points: np.ndarray, edges: np.ndarray) -> np
             least = min(least, (gap * gap).sum())
         out[n] = np.sqrt(least)
     return out
+
+
+def outline_distance(eyes: np.ndarray, points: np.ndarray, pillar: CylinderRegion) -> np.ndarray:
+    """Distance of each segment to the outline that an upright cylinder shows from aside, where lines touch it."""
+    a, d = eyes[:, :2] - pillar.center[:2], points[:, :2] - eyes[:, :2]
+    t = np.clip(-np.einsum("ni,ni->n", a, d) / np.maximum(np.einsum("ni,ni->n", d, d), 1e-12), 0.0, 1.0)
+    aside = np.abs(np.linalg.norm(a + t[:, None] * d, axis=1) - pillar.radius_m)
+    z = eyes[:, 2] + t * (points[:, 2] - eyes[:, 2])
+    low, high = pillar.height
+    return np.hypot(aside, np.maximum(np.maximum(low - z, z - high), 0.0))
 
 
 def _camera(rng: np.random.Generator) -> CameraModel:
@@ -227,6 +237,8 @@ def compare(cases: int, seed: int, per_camera: int = 1000) -> Counts:
             depth = points @ frustum.A.T - frustum.b
             rim = np.where((depth <= NEAR_EDGE_M).all(axis=1), np.abs(depth).min(axis=1), np.inf)
             away = np.minimum(rim, edge_distance(eyes, points, scene.edges))
+            pillars = [region for region in scene.regions if isinstance(region, CylinderRegion)]
+            away = np.minimum.reduce([away, *(outline_distance(eyes, points, pillar) for pillar in pillars)])
             wrong = ours != theirs
             total += [n, theirs.sum(), (away <= NEAR_EDGE_M).sum(), wrong.sum()]
             farthest = max(farthest, float(away[wrong].max(initial=0.0)))

@@ -4,7 +4,7 @@ Assumptions that are falsified on request change the world flown, and never the 
 
 | ``--violate`` | what differs |
 | --- | --- |
-| ``speed=+20%`` | targets drive up to 20 % faster (``-20%``: 20 % slower) than stated |
+| ``speed=+20%`` | targets drive up to 20 % faster (``-20%``: 20 % slower) than stated, whenever the attacker wants |
 | ``footprint=-30%`` | every camera sees a field of view 30 % narrower, measured on the ground |
 | ``wind=x2`` | mean wind, gusts and disturbance are twice as strong |
 | ``promise=-20%`` | the promise itself is 20 % tighter than stated |
@@ -103,9 +103,9 @@ def _faster(scenario: Scenario, factor: float) -> Scenario:
             slow, fast = motion.speed_mps
             speed: Any = (min(slow, factor * slow), max(fast, factor * fast))
             top = speed[1]
-        else:
-            speed = factor * motion.speed_mps
-            top = speed * (1.0 + motion.speed_modulation)
+        else:  # the plan decides when, see `camnet.motion.planned.DrivePlan.pace`
+            speed = motion.speed_mps
+            top = factor * speed * (1.0 + motion.speed_modulation)
         update = {
             "motion": motion.model_copy(update={"speed_mps": speed}),
             "v_max_mps": max(target.v_max_mps, top),

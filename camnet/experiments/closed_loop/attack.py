@@ -17,9 +17,10 @@ from camnet.errors import CertificateError, ConfigError, DataError
 from camnet.experiments.closed_loop.arena import check_attackable, violated, with_targets
 from camnet.experiments.closed_loop.claims import Claims
 from camnet.experiments.closed_loop.flight import fly
+from camnet.experiments.closed_loop.flight_batch import can_fly_together, fly_together
 from camnet.experiments.closed_loop.judge import Outcome, judge
 from camnet.experiments.closed_loop.plan import Plan, PlanSpace
-from camnet.experiments.closed_loop.search import Found, search_plans
+from camnet.experiments.closed_loop.search import ONE_BY_ONE, TOGETHER, Found, search_plans
 from camnet.processes import Workers
 from camnet.simulation.network import Network, build_network
 
@@ -107,9 +108,27 @@ def _fly_one(content: str, claims: Claims, estimator: str | None, plan: Plan) ->
     return judge(fly(network, plan, estimator), claims, names)
 
 
+def back_end(attack: Attack) -> str:
+    """Return what flies an attack: ``batch`` where that has all it needs, else ``one by one``."""
+    network = _network(attack.scenario.model_dump_json())
+    return "batch" if can_fly_together(network, attack.estimator) else "one by one"
+
+
+def _fly_together(
+    content: str, claims: Claims, estimator: str | None, plans: Sequence[Plan], threads: int
+) -> list[Outcome]:
+    assert estimator is not None
+    network = _network(content)
+    names = tuple(target.name for target in network.scenario.targets)
+    return [judge(log, claims, names) for log in fly_together(network, plans, estimator, threads)]
+
+
 def replay(attack: Attack, plan: Plan) -> Outcome:
-    """Fly one plan; equal plans and worlds give equal figures."""
-    return _fly_one(attack.scenario.model_dump_json(), attack.claims, attack.estimator, plan)
+    """Fly one plan on the back end that the search used; equal plans and worlds give equal figures."""
+    content = attack.scenario.model_dump_json()
+    if back_end(attack) == "batch":
+        return _fly_together(content, attack.claims, attack.estimator, [plan], 1)[0]
+    return _fly_one(content, attack.claims, attack.estimator, plan)
 
 
 def falsify_closed_loop(
@@ -130,11 +149,16 @@ def falsify_closed_loop(
         ``violations`` of ``trials`` flown, ``worst`` by figure with its margin, ``closest_fraction``, ``tightness``,
         ``assumptions`` with the one ``nearest_to_breaking``, and ``attack``, which `replay` flies again.
     """
-    space = PlanSpace(len(attack.names), attack.scenario.run.duration_s, attack.stop_s)
+    pace = attack.violate.get("speed", 1.0)
+    space = PlanSpace(len(attack.names), attack.scenario.run.duration_s, attack.stop_s, pace)
     ends = None if time_limit_s is None else monotonic() + time_limit_s
-    one = partial(_fly_one, attack.scenario.model_dump_json(), attack.claims, attack.estimator)
+    content = attack.scenario.model_dump_json()
+    one = partial(_fly_one, content, attack.claims, attack.estimator)
+    together = back_end(attack) == "batch"
 
     def flights(plans: Sequence[Plan]) -> list[Outcome | None]:
+        if together:
+            return list(_fly_together(content, attack.claims, attack.estimator, plans, jobs))
         out: list[Outcome | None] = [None] * len(plans)
         with Workers(jobs) as workers:
             for k, outcome in workers.finished(one, plans):
@@ -151,6 +175,7 @@ def falsify_closed_loop(
         flights,
         trials,
         np.random.default_rng(seed),
+        at_a_time=TOGETHER if together else ONE_BY_ONE,
         time_limit_s=time_limit_s,
         stop_when_broken=stop_when_broken,
         progress=progress,
@@ -176,6 +201,7 @@ def _report(attack: Attack, found: Found, trials: int, seed: int) -> dict[str, A
         "promise": attack.claims.as_dict(),
         "violate": dict(attack.violate),
         "targets": list(attack.names),
+        "back_end": back_end(attack),
         "trials": found.flown,
         "trials_asked": trials,
         "out_of_time": found.out_of_time,

@@ -136,7 +136,8 @@ def claims_of_report(report: dict[str, Any], source: str = "certificate") -> Cla
     """Return what a report of ``camnet certify`` promises; empty where it promises nothing.
 
     The figures are those of the promise, whether or not they are within what is allowed. Where the promise rests on a
-    learned motion (agents), it holds from the second lap on.
+    learned motion (agents), it holds from the second lap on; attacks begin anywhere on a path, so that the way into the
+    first view then counts only where the report states it.
     """
     promise = report["promise"]
     if promise["nobody_sees"] or not promise["bounded"] or "nothing is promised" in promise["sentence"]:
@@ -146,7 +147,7 @@ def claims_of_report(report: dict[str, Any], source: str = "certificate") -> Cla
         unseen_max_m=promise["unseen_max_m"],
         unseen_max_s=promise["unseen_max_s"],
         targets_at_once=promise["targets_served"],
-        into_first_view=True,
+        into_first_view=not rests_on_model or promise["into_first_view"] is not None,
         after_laps=1 if rests_on_model else 0,
         source=source,
     )

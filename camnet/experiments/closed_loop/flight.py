@@ -20,6 +20,7 @@ import numpy as np
 from camnet.experiments.closed_loop.arena import hostile
 from camnet.experiments.closed_loop.plan import Plan
 from camnet.experiments.kinematic_world import KinematicWorld
+from camnet.motion.planned import PlannedField
 from camnet.motion.protocol import TargetMotion
 from camnet.sensing.visibility import VisibilityTest
 from camnet.simulation.loop import NetworkSimulation
@@ -29,7 +30,6 @@ from camnet.types import Array, BoolArray, IntArray
 from camnet.world.description import WorldDescription
 from camnet.world.protocol import CameraCommand, World
 from camnet.world.pybullet import PyBulletWorld
-from camnet.world.targets import PathLaw
 
 __all__ = ["GapRecord", "TruthLog", "fly"]
 
@@ -135,12 +135,11 @@ def _watch_alone(network: Network, description: WorldDescription, plan: Plan) ->
 
 def _poses(motion: TargetMotion, steps: int, dt_s: float, seed: int) -> Array:
     """Return the poses (steps + 1, 7) of a target that moves by itself: p, q."""
+    if isinstance(motion, PlannedField):
+        return motion.poses(dt_s, steps)
     rng = np.random.default_rng(seed)
     state = motion.reset(rng)
-    first = np.concatenate([state.p_world, state.q_world])[None]
-    if isinstance(motion, PathLaw):
-        return np.concatenate([first, motion.states_ahead(state, dt_s, steps)[:, :7]])
-    rows = [first[0]]
+    rows = [np.concatenate([state.p_world, state.q_world])]
     for k in range(steps):
         state = motion.step(state, k * dt_s, dt_s, rng)
         rows.append(np.concatenate([state.p_world, state.q_world]))

@@ -69,11 +69,13 @@ class PlanSpace:
     targets : M
     duration_s : length of a flight, s
     stop_s : longest stop of the class, s
+    pace : speed at the share 1 over the field's own, for targets on fields
     """
 
     targets: int
     duration_s: float
     stop_s: float = 0.0
+    pace: float = 1.0
 
     @property
     def size(self) -> int:
@@ -112,4 +114,5 @@ class PlanSpace:
             self.duration_s / _SPEEDS,
             stop_at * self.duration_s,
             stop * self.stop_s,
+            self.pace,
         )

@@ -1,6 +1,6 @@
 """Search the plans of an attack for the one that takes most of a promise: at random first, then by evolution.
 
-Plans are flown in batches whose size does not depend on the number of processes, so that one seed fixes the search; a
+Plans are flown in rounds whose size does not depend on the number of processes, so that one seed fixes the search; a
 limit on time ends it wherever it is.
 """
 
@@ -18,10 +18,10 @@ from camnet.experiments.closed_loop.judge import Outcome
 from camnet.experiments.closed_loop.plan import Plan, PlanSpace
 from camnet.types import Array
 
-__all__ = ["Found", "search_plans"]
+__all__ = ["ONE_BY_ONE", "TOGETHER", "Found", "search_plans"]
 
-#: plans that one batch flies, and parents of the evolution
-_BATCH = 12
+#: plans of one round, parents of the evolution: where they fly one by one, and where they fly side by side
+ONE_BY_ONE, TOGETHER = 12, 96
 #: share of the trials that is spent at random
 _RANDOM = 0.5
 
@@ -78,11 +78,12 @@ def search_plans(
     trials: int,
     rng: np.random.Generator,
     *,
+    at_a_time: int = ONE_BY_ONE,
     time_limit_s: float | None = None,
     stop_when_broken: bool = True,
     progress: Callable[[Found], None] | None = None,
 ) -> Found:
-    """Fly up to ``trials`` plans; half of them at random, the rest bred from the worst."""
+    """Fly up to ``trials`` plans, ``at_a_time`` in a round; half of them at random, the rest bred from the worst."""
     found, ends = Found(), np.inf if time_limit_s is None else time.monotonic() + time_limit_s
     tried: list[tuple[float, Array]] = []
 
@@ -106,10 +107,10 @@ def search_plans(
         return shares
 
     try:
-        at_random = min(trials, max(_BATCH, round(_RANDOM * trials)))
+        at_random = min(trials, max(at_a_time, round(_RANDOM * trials)))
         while found.flown < at_random:
-            attack(space.random(min(_BATCH, at_random - found.flown), rng))
-        _evolve(attack, space, tried, rng)
+            attack(space.random(min(at_a_time, at_random - found.flown), rng))
+        _evolve(attack, space, tried, at_a_time, rng)
     except _SpentError:
         pass
     return found
@@ -119,13 +120,14 @@ def _evolve(
     attack: Callable[[Array], Array],
     space: PlanSpace,
     tried: list[tuple[float, Array]],
+    count: int,
     rng: np.random.Generator,
 ) -> None:
     """Breed plans until `attack` has had enough."""
-    best = sorted(tried, key=lambda pair: -pair[0])[:_BATCH]
+    best = sorted(tried, key=lambda pair: -pair[0])[:count]
     parents = np.array([genes for _, genes in best])
-    if len(parents) < _BATCH:
-        parents = np.concatenate([parents, space.random(_BATCH - len(parents), rng)])
+    if len(parents) < count:
+        parents = np.concatenate([parents, space.random(count - len(parents), rng)])
 
     def cost(columns: Array) -> Array:
         shares = attack(np.atleast_2d(columns.T))
