@@ -208,7 +208,7 @@ def reward_of(model: Model, state: State, e: int, t_s: float, dt_s: float) -> fl
         effort += min(speed, 3.0) ** 2
         outside += 0.0 if contains(model, n, (b[e, n, 0], b[e, n, 1], b[e, n, 2])) else 1.0
     reward = weights[0] * dt_s * in_view / targets
-    reward -= weights[3] * dt_s * effort / agents
+    reward -= weights[3] * dt_s * effort / max(agents, 1)
     reward -= weights[4] * dt_s * outside
     reward -= weights[5] * (1.0 if collided(state, e) else 0.0)
     for m in range(targets):

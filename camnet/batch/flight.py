@@ -56,6 +56,8 @@ def _air(model: Model, state: State, e: int) -> None:
 def load(state: State, lanes: Array, e: int) -> None:
     """Put the agents into the workspaces ``lanes`` (B, 4 ROWS) of one environment."""
     agents = state.bodies.shape[1]
+    if agents == 0:
+        return
     for k in range(lanes.shape[0] * LANES):
         x, lane, n = lanes[k // LANES], k % LANES, min(k, agents - 1)
         load_flight(x, lane, state.bodies, state.memory, state.cameras, e, n)

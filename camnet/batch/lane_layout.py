@@ -73,6 +73,8 @@ def on_cache_lines(values: Array) -> Array:
 def build_lanes(n_agents: int, yaw: Array, half_yaw: Array, boxes: Array, discs: Array, wind: Array) -> Array:
     """Workspaces (BLOCK, B, 4 ROWS) of so many agents, constants in place; arrays as in `Model`."""
     blocks = -(-n_agents // LANES)
+    if blocks == 0:
+        return np.zeros((BLOCK, 0, ROWS * LANES))
     x = np.zeros((blocks, ROWS, LANES))
     for k in range(blocks * LANES):
         b, lane, n = k // LANES, k % LANES, min(k, n_agents - 1)

@@ -117,8 +117,9 @@ def _step_targets(model: Model, state: State, block: IntArray) -> None:
 def _fly_once(model: Model, state: State, block: IntArray) -> None:
     """Advance the environments by one control period."""
     _step_targets(model, state, block)
-    fly_agents(model, state, block)
-    note_places(state.lanes, block.shape[0])
+    if state.bodies.shape[1] > 0:
+        fly_agents(model, state, block)
+        note_places(state.lanes, block.shape[0])
     for k in range(block.shape[0]):
         _end_period(model, state, k, block[k])
 
@@ -127,7 +128,7 @@ def _fly_once(model: Model, state: State, block: IntArray) -> None:
 def _end_period(model: Model, state: State, k: int, e: int) -> None:
     """Keep the books of a control period of the block's ``k``-th environment; show its agents if looked at."""
     state.clock[e, COUNT] += 1.0
-    near = may_touch(model, state, k, e)
+    near = may_touch(model, state, k, e) if state.bodies.shape[1] > 0 else False
     decided = int(state.clock[e, COUNT]) % model.decide_every == 0
     if near or decided or frame_taken(model, state, e):
         show_agents(state, k, e)

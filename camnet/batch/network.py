@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from camnet.batch.motion import Targets, pack_targets
+from camnet.certification.planar_shapes import convex_solids
 from camnet.control.quadrotor_kernel import pack_model
 from camnet.control.references import RegionBounds
 from camnet.control.sliding_mode_kernel import SWITCHING_CODE
@@ -56,6 +57,7 @@ class Model(NamedTuple):
     sizes : (M, 3) boxes of the targets, m
     body : radius and height of an agent's cylinder, m
     occlusion : whether anything can come between
+    solid_planes, solid_ends : (K, 4) outward normals and limits of the occluders' convex parts, and where each ends
     noise : standard deviations of position and orientation, m, rad; drop-out probability
     sense_dt_s, grace_s, replan_s, rollout_dt_s, lookahead_s : times, s
     steps : count of instants in a rollout
@@ -105,6 +107,8 @@ class Model(NamedTuple):
     sizes: Array
     body: Array
     occlusion: bool
+    solid_planes: Array
+    solid_ends: IntArray
     noise: Array
     sense_dt_s: float
     grace_s: float
@@ -149,11 +153,11 @@ class Shown(NamedTuple):
 
 def _refuse(network: Network) -> None:
     scenario = network.scenario
-    if network.n_agents == 0:
-        raise ConfigError(f"world {scenario.name!r} has no agents: the batch back end needs at least one")
-    if scenario.occluders:
+    if scenario.occluders and network.n_agents:
         names = ", ".join(o.name for o in scenario.occluders)
-        raise ConfigError(f"world {scenario.name!r} has occluders ({names}): the batch back end has none")
+        raise ConfigError(
+            f"world {scenario.name!r} has occluders ({names}): agents of the batch back end fly in the open only"
+        )
     if scenario.physics.actuation != "quadrotor":
         raise ConfigError(
             f"physics.actuation = {scenario.physics.actuation!r}: the batch back end flies 'quadrotor' only"
@@ -196,6 +200,14 @@ def _surfaces(regions: tuple[Region, ...]) -> tuple[Array, IntArray]:
     return np.ascontiguousarray(np.concatenate(blocks)), ends
 
 
+def _solids(network: Network) -> tuple[Array, IntArray]:
+    """Return the occluders' convex parts as half-spaces."""
+    parts = [part for occluder in network.occluders for part in convex_solids(occluder)]
+    ends = np.cumsum([0, *(len(limits) for _, limits in parts)]).astype(np.int64)
+    rows = [np.column_stack([normals, limits]) for normals, limits in parts]
+    return np.concatenate([np.zeros((0, 4)), *rows]), ends
+
+
 def _circle(angle: Array) -> Array:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
@@ -206,18 +218,19 @@ def pack_network(network: Network, shown: Shown) -> Model:
     Raises
     ------
     ConfigError
-        It has something that the batch back end does not: occluders, regions that are neither boxes nor cylinders,
-        latency, kinematic actuation.
+        It has something that the batch back end does not: occluders among agents, regions of agents that are neither
+        boxes nor cylinders, latency, kinematic actuation.
     """
     _refuse(network)
     s, d, n = network.scenario, network.description, network.n_agents
     controller, physics, wind = s.controller, s.physics, s.physics.wind
     yaw = np.array([a.start_yaw_rad for a in d.agents])
     offset = np.array(physics.gimbal.offset_m)
-    start_p = np.array([a.start_p_world for a in d.agents])
+    start_p = np.array([a.start_p_world for a in d.agents], dtype=float).reshape(n, 3)
     start_p = start_p - rotate(from_yaw(yaw).reshape(n, 4), np.broadcast_to(offset, (n, 3)))
     planes, plane_ends, discs = _planes(network.regions)
     triangles, triangle_ends = _surfaces(network.regions)
+    solid_planes, solid_ends = _solids(network)
     frusta = Frustum.stack([Frustum.from_camera(camera) for camera in network.cameras])
     bounds = np.stack([region.bounds for region in network.regions])
     centers, halves = bounds.mean(axis=1), np.ptp(bounds, axis=1) / 2
@@ -281,6 +294,8 @@ def pack_network(network: Network, shown: Shown) -> Model:
         sizes=np.array([t.size_m for t in d.targets], dtype=float).reshape(-1, 3),
         body=np.array([physics.quadrotor.arm_m, physics.quadrotor.height_m]),
         occlusion=network.can_occlude,
+        solid_planes=solid_planes,
+        solid_ends=solid_ends,
         noise=np.array(
             [s.sensing.position_noise_m, s.sensing.orientation_noise_rad, s.sensing.dropout_probability]
         ),
@@ -296,10 +311,10 @@ def pack_network(network: Network, shown: Shown) -> Model:
         widths=halves[:, :2].min(axis=1),
         own=np.concatenate([(centers - middle) / half, halves / half], axis=1)[:n],
         speeds=np.array([t.v_max_mps for t in s.targets]),
-        views=np.array([view_radius(network, j) for j in range(n)]),
+        views=np.array([view_radius(network, j) for j in range(n)], dtype=float),
         v_max=controller.reference_v_max_mps,
         gaze_scale=shown.gaze_max_rad,
-        neighbours=min(shown.neighbours, n - 1),
+        neighbours=max(min(shown.neighbours, n - 1), 0),
         range_m=shown.communication_range_m,
         rewards=np.array(shown.rewards),
         ends=np.array([float(shown.terminate_on_collision), shown.lost_limit_s]),

@@ -120,6 +120,8 @@ class BatchHandoff(ExactCopies):
             raise ConfigError(f"world = {world!r}: the handoff environment needs a network")
         self.settings = _checked(settings, options)
         self.network: Network = build_network(scenario)
+        if self.network.n_agents == 0:
+            raise ConfigError(f"world {scenario.name!r} has no agents: an environment needs at least one")
         self.max_cycles, self.auto_reset = self.settings.max_cycles, auto_reset
         self.environments, self.n_agents = environments, self.network.n_agents
         self.possible_agents = [agent.name for agent in scenario.agents]

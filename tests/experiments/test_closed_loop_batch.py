@@ -18,7 +18,12 @@ WINDY = ["physics.wind.mean_mps=[0.6,0,0]", "physics.wind.gust_std_mps=0.2"]
 
 @pytest.mark.parametrize(
     ("world", "settings", "seconds"),
-    [("mobile_certified", WINDY, 30), ("loop_8", [], 12)],
+    [
+        ("mobile_certified", WINDY, 30),
+        ("loop_8", [], 12),
+        ("patrol", [], 60),
+        ("stationary_certified", [], 30),
+    ],
 )
 def test_flights_are_those_of_the_engine(world, settings, seconds):
     network = build_network(load_scenario(world, [f"run.duration_s={seconds}", *settings]))
@@ -51,5 +56,4 @@ def test_a_search_side_by_side_replays_and_its_batches_do_not_matter():
 def test_what_the_batch_back_end_has_not_is_flown_on_the_engine():
     occluded = build_network(load_scenario("obstacle_course"))
     assert not can_fly_together(occluded, "learned")
-    assert not can_fly_together(build_network(load_scenario("patrol")), "learned")
     assert not can_fly_together(build_network(load_scenario("mobile_certified")), "adate")

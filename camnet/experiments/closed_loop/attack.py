@@ -117,7 +117,6 @@ def back_end(attack: Attack) -> str:
 def _fly_together(
     content: str, claims: Claims, estimator: str | None, plans: Sequence[Plan], threads: int
 ) -> list[Outcome]:
-    assert estimator is not None
     network = _network(content)
     names = tuple(target.name for target in network.scenario.targets)
     return [judge(log, claims, names) for log in fly_together(network, plans, estimator, threads)]

@@ -1,5 +1,7 @@
 """Fly one attack and keep the log of the truth: which target was in some camera's view when.
 
+This is what flies where the batch back end cannot (`camnet.experiments.closed_loop.flight_batch`), one plan at a time:
+
 | what is promised | what flies |
 | --- | --- |
 | how long targets are out of view of fixed cameras | targets alone, and the simulator's visibility along their ways |

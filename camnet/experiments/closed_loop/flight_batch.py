@@ -1,7 +1,7 @@
 """Fly many attacks side by side on the batch back end: the same plans, rules and judge, hundreds of times faster.
 
-The batch back end has the flight, sensors, estimators and random numbers of the rigid-body engine, but no occluders and
-no contacts (docs/batch.md); what it lacks is flown on the engine, one plan at a time.
+The batch back end has the flight, sensors, estimators and random numbers of the rigid-body engine, but no contacts, and
+its agents fly in the open (docs/batch.md); what it lacks is flown on the engine, one plan at a time.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["can_fly_together", "fly_together"]
 
+#: runs where nobody asks what is believed
+_CHEAPEST = "ekf"
 #: nobody is shown or rewarded anything
 _SHOWN = Shown(0.5, 0, 1.0, (0.0,) * 6, terminate_on_collision=False, lost_limit_s=np.inf, in_world=True)
 
@@ -34,32 +36,38 @@ _SHOWN = Shown(0.5, 0, 1.0, (0.0,) * 6, terminate_on_collision=False, lost_limit
 def can_fly_together(network: Network, estimator: str | None) -> bool:
     """Whether the batch back end has everything that this world and estimator need."""
     scenario = network.scenario
-    if network.n_agents == 0 or estimator is None or scenario.run.model is not None:
+    if estimator is not None and scenario.run.model is not None:
         return False
     plan = PlanSpace(network.n_targets, 1.0).plan(np.zeros(PlanSpace(network.n_targets, 1.0).size))
     try:
         pack_network(_every_sensing(network, plan), _SHOWN)
-        batch_filter(estimator, network)
+        batch_filter(estimator or _CHEAPEST, network)
     except ConfigError:
         return False
     return True
 
 
-def fly_together(network: Network, plans: Sequence[Plan], estimator: str, threads: int = 1) -> list[TruthLog]:
-    """Fly ``plans`` for ``run.duration_s``, all at once; the logs are those that each would have alone."""
+def fly_together(
+    network: Network, plans: Sequence[Plan], estimator: str | None, threads: int = 1
+) -> list[TruthLog]:
+    """Fly ``plans`` for ``run.duration_s``, all at once; the logs are those that each would have alone.
+
+    Without an ``estimator``, which fixed cameras allow, logs have no gaps with errors.
+    """
     run = network.scenario.run
     simulation = BatchSimulation(
         _every_sensing(network, plans[0]),
         _SHOWN,
         len(plans),
-        batch_filter(estimator, network),
+        batch_filter(estimator or _CHEAPEST, network),
         threads=threads,
         duration_s=run.duration_s,
     )
     try:
-        return _fly(network, simulation, plans)
+        logs = _fly(network, simulation, plans)
     finally:
         simulation.close()
+    return logs if estimator is not None else [replace(log, gaps=[]) for log in logs]
 
 
 def _every_sensing(network: Network, plan: Plan) -> Network:
@@ -95,7 +103,7 @@ class _Rules:
     def __init__(self, network: Network, simulation: BatchSimulation) -> None:
         e, n, m = simulation.environments, network.n_agents, network.n_targets
         self._network, self._simulation = network, simulation
-        self._mode = AssignRows(network, e)
+        self._mode = AssignRows(network, e) if n else None
         self._limits = network.half_widths[:n]
         self._alive = np.ones((e, n), dtype=bool)
         self._working = np.ones((e, len(network.cameras)), dtype=bool)
@@ -103,7 +111,9 @@ class _Rules:
 
     def setpoints(self) -> Array:
         """Return the setpoints (E, N, 5) of all agents."""
-        simulation, n = self._simulation, self._shape[1]
+        simulation, (e, n, _) = self._simulation, self._shape
+        if self._mode is None:
+            return np.zeros((e, 0, 5))
         cameras = simulation.gather("cameras")
         now = Present(
             t_s=simulation.outcome[:, 3].copy(),
@@ -191,6 +201,8 @@ class _Keeper:
         ]
 
     def _use(self, e: int, count: Array) -> dict[str, float]:
+        if self._simulation.network.n_agents == 0:
+            return {}
         at_once = float(self._at_once[e])
         return {
             "one target in a region at a time": at_once if at_once > 1.0 else 0.0,
