@@ -36,6 +36,7 @@ seed of noise and gusts. The judge is the truth alone: which target was in some 
   targets_at_once               for how many targets at the same time it holds (default: any number)
   into_first_view               false: the stretch before the first view does not count
   after_laps, after_s           from when on it holds
+  error_after_laps              from when on the bound of the error holds, if that is later
   world, note                   of which world it is, and words
 With --out: result.json and attack.json, the worst attack."""
 

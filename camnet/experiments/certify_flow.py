@@ -8,9 +8,9 @@
 
 ``e_v`` is needed only where the target itself can be: within ``corridor_m`` of its path (docs/theory.md, section 8).
 The supremum is taken on a grid in the corridor. With ``certificate.field_slope_per_s``, a bound of the slope of phi, it
-is continued to all places between (``deterministic``); else half the largest change between neighbours is added, an
-estimate and no bound (``sampled``). The last term covers the prior that the predictor blends in where the model has no
-data; u is the share that the model answers for.
+is continued to all places between (``deterministic``, if e(0) covers what one measurement may be off); else half the
+largest change between neighbours is added, an estimate and no bound (``sampled``). The last term covers the prior that
+the predictor blends in where the model has no data; u is the share that the model answers for.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from camnet.geometry.regions import Region
 from camnet.motion.vector_field import VectorFieldMotion
 from camnet.simulation.certificates import feature_extent, view_radius
 from camnet.simulation.network import Network
+from camnet.simulation.sound_settings import sampling_of
 from camnet.types import Array
 
 __all__ = [
@@ -288,6 +289,7 @@ def flow_case(
         e_v, source = model_error_mps, "stated"
     else:
         bounded = settings.field_slope_per_s is not None and network.scenario.estimator.gap.prior == "none"
+        bounded &= e0 >= sampling_of(network).position_noise_m  # a restart at a measurement is off by as much
         e_v, source = max(model_errors(network, model)), "deterministic" if bounded else "sampled"
     target = FlowTargetClass(
         network.scenario.targets[0].v_max_mps, e_v, e0, spread_m=settings.corridor_m, source=source

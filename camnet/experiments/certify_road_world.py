@@ -39,8 +39,10 @@ from camnet.simulation.certificates import feature_extent, view_radius
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray
 
-__all__ = ["RoadWorld", "certify_on_roads", "road_lines", "road_world"]
+__all__ = ["ROAD_E0_M", "RoadWorld", "certify_on_roads", "road_lines", "road_world"]
 
+#: position error when a target is lost, unless the world says otherwise, m
+ROAD_E0_M = 0.05
 #: places of a stretch at which the room in its view is measured
 _PLACES = 33
 
@@ -99,7 +101,7 @@ def certify_on_roads(
         )
     if model_error_mps is not None:
         e0 = network.scenario.certificate.initial_error_m
-        growth = GrowthModel(0.05 if e0 is None else e0, model_error_mps)
+        growth = GrowthModel(ROAD_E0_M if e0 is None else e0, model_error_mps)
     report, gaps, tables = certify_road_site(
         case.watched.ways.roads,
         None,

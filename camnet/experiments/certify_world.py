@@ -35,6 +35,7 @@ from camnet.motion.settings import VectorFieldTarget
 from camnet.report.certificate import MapLine
 from camnet.simulation.certificates import feature_extent, network_report
 from camnet.simulation.network import Network, build_network
+from camnet.simulation.sound_settings import sampling_of
 from camnet.types import Array
 
 __all__ = ["alone", "certify_world", "free_lines", "limit_of", "nominal_path"]
@@ -186,6 +187,7 @@ def _assumptions(network: Network) -> list[str]:
         "targets keep to their class: roads or path, speeds and turn rates",
         "targets do not hide each other",
     ]
+    words += _initial_error(network)
     if network.n_agents == 0:
         return words
     words += [
@@ -194,6 +196,17 @@ def _assumptions(network: Network) -> list[str]:
         "every target that an agent is sent to is the only one that needs it until it is handed over",
     ]
     return words
+
+
+def _initial_error(network: Network) -> list[str]:
+    """Say that e(0) of ``learned`` is taken for granted where a measurement may be off by more."""
+    e0, noise_m = network.scenario.certificate.initial_error_m, sampling_of(network).position_noise_m
+    if e0 is None or e0 >= noise_m:
+        return []
+    return [
+        f"learned: the estimate is within certificate.initial_error_m = {e0:g} m when a target is lost, though one "
+        f"measurement may be off by {noise_m:.3g} m"
+    ]
 
 
 def nominal_path(network: Network, laps_s: float = 300.0) -> tuple[Array, Array]:

@@ -24,6 +24,7 @@ _KEYS = {
     "into_first_view",
     "after_laps",
     "after_s",
+    "error_after_laps",
     "error",
 }
 _ERROR_KEYS = {"initial_m", "growth_mps", "max_m"}
@@ -87,6 +88,7 @@ class Claims:
     targets_at_once : for how many targets at the same time (None: any number)
     into_first_view : whether the stretch before the first view counts
     after_laps, after_s : what is promised of targets that have been followed for so many laps, or so long, s
+    error_after_laps : laps after which the bound of the error holds, if these are more
     source : where the promise was read
     """
 
@@ -97,6 +99,7 @@ class Claims:
     into_first_view: bool = True
     after_laps: int = 0
     after_s: float = 0.0
+    error_after_laps: int = 0
     source: str = "certificate"
 
     @property
@@ -195,6 +198,7 @@ def read_claims(path: Path) -> tuple[Claims, str | None]:
         into_first_view=bool(content.get("into_first_view", True)),
         after_laps=_whole(path, content, "after_laps") or 0,
         after_s=_number(path, content, "after_s") or 0.0,
+        error_after_laps=_whole(path, content, "error_after_laps") or 0,
         source=str(path),
     )
     return claims, content.get("world")

@@ -11,13 +11,18 @@ import numpy as np
 from camnet.certification.growth import error_tube
 from camnet.config.models import Scenario
 from camnet.experiments.certify_flow import FlowCase, flow_case
+from camnet.experiments.certify_road_world import ROAD_E0_M
 from camnet.experiments.closed_loop.claims import Claims, ErrorBound
 from camnet.experiments.learned_model import LearnedModel
 from camnet.experiments.target_groups import target_groups
+from camnet.motion.settings import RoadTarget
 from camnet.simulation.network import build_network
 from camnet.types import Array
 
 __all__ = ["with_error_bounds"]
+
+#: laps after which bounds of the error hold
+_LAPS = 2
 
 
 def with_error_bounds(
@@ -29,9 +34,18 @@ def with_error_bounds(
 ) -> Claims:
     """Return the promise with the error bounds of a certified ``learned``, deterministic or stated.
 
-    They hold from the second lap on: the model that the certificate speaks of is learned by then.
+    They hold from the third lap on: by then every view has been passed twice, wherever the first lap began, and the
+    model that the certificate speaks of is learned. On roads the bound is that of the growth law for the stated error;
+    on fields, the tube behind each exit.
     """
-    if report["claims"]["estimate"]["learned"]["verdict"] != "certified" or not model:
+    learned = report["claims"]["estimate"].get("learned")
+    if learned is None or learned["verdict"] != "certified":
+        return claims
+    if all(isinstance(target.motion, RoadTarget) for target in scenario.targets):
+        e0 = scenario.certificate.initial_error_m
+        bound = ErrorBound(ROAD_E0_M if e0 is None else e0, model_error_mps or 0.0)
+        return replace(claims, error=bound, error_after_laps=_LAPS)
+    if not model:
         return claims
     tables: dict[tuple[int, int], tuple[Array, Array]] = {}
     names = [target.name for target in scenario.targets]
@@ -41,7 +55,8 @@ def with_error_bounds(
         case = flow_case(build_network(group.scenario), group.model, model_error_mps)
         for camera, table in _tubes(case, group.model).items():
             tables.update({(names.index(member), camera): table for member in group.members})
-    return replace(claims, error=ErrorBound(max_m=np.inf, initial_m=np.inf, tables=tables), after_laps=1)
+    error = ErrorBound(max_m=np.inf, initial_m=np.inf, tables=tables)
+    return replace(claims, error=error, error_after_laps=_LAPS)
 
 
 def _tubes(case: FlowCase, model: LearnedModel) -> dict[int, tuple[Array, Array]]:

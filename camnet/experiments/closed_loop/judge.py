@@ -77,7 +77,7 @@ def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
     The way into the first view rests on no estimate: it counts from the start, whatever the promise waits for.
     """
     worst: dict[str, dict[str, Any]] = {}
-    since = [_since(log, claims, m) for m in range(len(names))]
+    since = [_since(log, claims, m, claims.after_laps) for m in range(len(names))]
     count = 0
     for s in stretches(log):
         if not claims.into_first_view if s.first else s.from_s < since[s.target]:
@@ -86,7 +86,9 @@ def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
         where = {"target": names[s.target], "from_s": s.from_s, "into_first_view": s.first, "cut_off": s.open}
         _note(worst, "unseen_m", s.length_m, claims.unseen_max_m, where)
         _note(worst, "unseen_s", s.time_s, claims.unseen_max_s, where)
-    gaps = [g for g in log.gaps if g.lost_s >= since[g.target]]
+    laps = max(claims.after_laps, claims.error_after_laps)
+    known = [_since(log, claims, m, laps) for m in range(len(names))]
+    gaps = [g for g in log.gaps if g.lost_s >= known[g.target]]
     if claims.error is not None:
         for g in gaps:
             bound = claims.error.at(g.target, g.from_camera, g.seen_s - g.lost_s)
@@ -98,11 +100,11 @@ def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
     return Outcome(share, broken, worst, count, len(gaps), log.use)
 
 
-def _since(log: TruthLog, claims: Claims, m: int) -> float:
-    """Return from when on the promise holds for a target, s."""
-    if claims.after_laps == 0:
+def _since(log: TruthLog, claims: Claims, m: int, laps: int) -> float:
+    """Return from when on the promise holds for a target that has to be followed for so many laps first, s."""
+    if laps == 0:
         return claims.after_s
-    later = np.flatnonzero(log.lap[:, m] > claims.after_laps)
+    later = np.flatnonzero(log.lap[:, m] > laps)
     return max(float(log.t_s[later[0]]), claims.after_s) if len(later) else float("inf")
 
 
