@@ -20,11 +20,12 @@ EPILOG = """In the closed loop:
   camnet falsify patrol --closed-loop --out runs/attack
   camnet falsify patrol --closed-loop --replay runs/attack/attack.json
   camnet falsify mobile_certified --closed-loop --learn
+  camnet falsify two_vehicles --closed-loop --model-error 0.15
   camnet falsify WORLD --closed-loop --promise certificate.json
   camnet falsify patrol --closed-loop --violate speed=-20%
 
 They attack the promise that certify makes now, fly the worst attack again, learn the motion first (agents need
-it), attack an old promise, and fly a world in which one assumption is false.
+it, or a stated model error on roads), attack an old promise, and fly a world in which one assumption is false.
 
 The attacker chooses start, direction, turns, speeds, stops and offset of every target, the wind's direction, and the
 seed of noise and gusts. The judge is the truth alone: which target was in some camera's view when.

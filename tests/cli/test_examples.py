@@ -86,6 +86,7 @@ CASES: dict[str, Case] = {
         needs=("camnet falsify patrol --closed-loop --out runs/attack",)
     ),
     "camnet falsify mobile_certified --closed-loop --learn": Case(only_read="it flies for minutes"),
+    "camnet falsify two_vehicles --closed-loop --model-error 0.15": Case("--trials 2 --duration 20"),
     "camnet falsify WORLD --closed-loop --promise certificate.json": Case(
         "--trials 1",
         replaced=(
