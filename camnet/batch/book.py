@@ -29,6 +29,7 @@ from camnet.batch.state import (
     REGION,
     SEEN,
     SENSES,
+    SLIP,
     TRACKING,
     WAS_SEEN,
     State,
@@ -38,7 +39,7 @@ from camnet.geometry.spacing import least_distance
 from camnet.geometry.triples import multiply
 from camnet.types import Array
 
-__all__ = ["after_control", "after_sense", "reward_of"]
+__all__ = ["after_control", "after_sense", "note_slip", "reward_of"]
 
 _STEADY_LAP = 3
 #: states of a row of ``pending``
@@ -171,6 +172,13 @@ def after_control(model: Model, state: State, e: int, effort: float, errors: flo
     """Add up squared speeds and squared errors of the references; `RunStatistics.after_control`."""
     state.count[e, EFFORT] += model.dt_s * effort
     state.count[e, TRACKING + 1] += errors
+
+
+@inner
+def note_slip(state: State, e: int, slip: float, slip_angular: float) -> None:
+    """Keep the largest squared difference between motion and command: the disturbance of Assumption 4.3."""
+    state.count[e, SLIP] = max(state.count[e, SLIP], slip)
+    state.count[e, SLIP + 1] = max(state.count[e, SLIP + 1], slip_angular)
 
 
 @inner

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from camnet.batch.body import fly
-from camnet.batch.compiled import inner
+from camnet.batch.compiled import inlined, inner
 from camnet.batch.gimbal import camera_of
 from camnet.batch.lane_layout import (
     ALLOWED,
+    CAMERA,
     ERROR,
     HEADING,
     LANES,
@@ -37,6 +38,7 @@ from camnet.batch.random import normal
 from camnet.batch.reference import position_step
 from camnet.batch.state import State
 from camnet.batch.touch import collided
+from camnet.geometry.triples import Triple
 from camnet.types import Array, IntArray
 
 __all__ = ["fly_agents", "load", "show_agents", "store", "sums"]
@@ -177,20 +179,29 @@ def show_agents(state: State, k: int, e: int) -> None:
         show(state.lanes[k, b], min(LANES, agents - first), state.bodies, state.cameras, e, first)
 
 
+@inlined
+def _square_apart(a: Triple, b: Triple) -> float:
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
 @inner
-def sums(state: State, k: int) -> tuple[float, float]:
+def sums(state: State, k: int) -> tuple[float, float, float, float]:
     """Sum over the agents of the block's ``k``-th environment.
 
     Returns
     -------
     effort : of the squared speeds now, m^2/s^2
     errors : of the squared errors of the references when the period began, m^2
+    slip, slip_angular : largest square of a camera's velocity less the commanded one at the end of the period, m^2/s^2,
+        rad^2/s^2
     """
-    agents, effort, errors = state.bodies.shape[1], 0.0, 0.0
+    agents, effort, errors, slip, slip_angular = state.bodies.shape[1], 0.0, 0.0, 0.0, 0.0
     for b in range(state.lanes.shape[1]):
         x = state.lanes[k, b]
         for i in range(min(LANES, agents - LANES * b)):
             v = get(x, V, i)
             effort += v[0] ** 2 + v[1] ** 2 + v[2] ** 2
             errors += x[ERROR * LANES + i]
-    return effort, errors
+            slip = max(slip, _square_apart(get(x, CAMERA + 7, i), get(x, U, i)))
+            slip_angular = max(slip_angular, _square_apart(get(x, CAMERA + 10, i), get(x, LOOK, i)))
+    return effort, errors, slip, slip_angular

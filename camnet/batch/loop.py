@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from camnet.batch.book import after_control, after_sense, reward_of
+from camnet.batch.book import after_control, after_sense, note_slip, reward_of
 from camnet.batch.compiled import inner
 from camnet.batch.flight import fly_agents, load, show_agents, store, sums
 from camnet.batch.gimbal import camera_of
@@ -134,8 +134,9 @@ def _end_period(model: Model, state: State, k: int, e: int) -> None:
         show_agents(state, k, e)
     if near:
         note_touches(model, state, e)
-    effort, errors = sums(state, k)
+    effort, errors, slip, slip_angular = sums(state, k)
     after_control(model, state, e, effort, errors)
+    note_slip(state, e, slip, slip_angular)
 
 
 @inner

@@ -37,13 +37,14 @@ PENDING, DELAYS = 8, 128
 COUNT, CYCLE, NEXT_PLAN, RETURN = 0, 1, 2, 3
 # columns of ``track`` (E, M, 10): what `HandoffTracker` remembers of a target
 WAS_SEEN, REGION, LAST_REGION, LOST_S, FIRST_REGION, LAP, OPEN = 0, 1, 2, 3, 4, 5, 6
-# columns of ``count`` (E, 20): see `camnet.batch.book`
+# columns of ``count`` (E, 22): see `camnet.batch.book`
 SEEN, SENSES, EFFORT, NEAREST, EXITS, COLLISIONS, ATTEMPTED, COMPLETED, DELAYED = range(9)
 ERRORS = (
     9  # three groups (seen, unseen from the third lap, unseen on the first) of count and two sums of squares
 )
 TRACKING = 18  # largest reference error, sum of its squares
-COUNTS = 20
+SLIP = 20  # largest squared difference of motion and command, linear and angular
+COUNTS = 22
 
 
 class State(NamedTuple):
@@ -68,7 +69,7 @@ class State(NamedTuple):
     track, pending : (E, M, 7), (E, M, PENDING, 3) handoff in progress; unpaid ones: entered, seen (NaN), live
     delays : (E, DELAYS) delays of the episode's handoffs, s
     outside, touching : (E, N), (E, N, N + 1 + M) what was so at the last control period
-    clock, count : (E, 4), (E, 20) counters
+    clock, count : (E, 4), (E, 22) counters
     lanes : workspaces (`camnet.batch.lane_layout`) of whichever environments fly
     chase : scratch of `camnet.batch.target_lanes`
     """

@@ -195,7 +195,8 @@ def _first_broken(outcomes: Sequence[Outcome | None]) -> int | None:
 def _report(attack: Attack, found: Found, trials: int, seed: int) -> dict[str, Any]:
     shares = [w["share"] for w in found.worst.values() if w["share"] is not None]
     closest = max(shares, default=None)
-    nearest = max(found.use.items(), key=lambda item: item[1], default=(None, 0.0))
+    used = {name: share for name, share in found.use.items() if share > 0.0}
+    nearest = max(used, key=lambda name: used[name], default=None)
     return {
         "promise": attack.claims.as_dict(),
         "violate": dict(attack.violate),
@@ -212,7 +213,7 @@ def _report(attack: Attack, found: Found, trials: int, seed: int) -> dict[str, A
         "tightness": None if not closest else 1.0 / closest,
         "worst": found.worst,
         "assumptions": found.use,
-        "nearest_to_breaking": nearest[0],
+        "nearest_to_breaking": nearest,
         "attack": None if found.plan is None or found.outcome is None else _record(attack, found, seed),
     }
 

@@ -14,7 +14,7 @@ import numpy as np
 from camnet.batch.loop import DIVERGED
 from camnet.batch.network import Shown, pack_network
 from camnet.batch.simulation import BatchSimulation
-from camnet.batch.state import COLLISIONS, ESTIMATE, EXITS, LAP
+from camnet.batch.state import COLLISIONS, ESTIMATE, EXITS, LAP, SLIP
 from camnet.env.batch_handoff import batch_filter
 from camnet.env.batch_messages import Present, shared_rows
 from camnet.env.batch_modes import AssignRows
@@ -204,8 +204,11 @@ class _Keeper:
         if self._simulation.network.n_agents == 0:
             return {}
         at_once = float(self._at_once[e])
+        control = self._simulation.network.scenario.controller
+        bounds = np.maximum([control.d_bar_mps, control.d_bar_radps], 1e-9)
         return {
             "one target in a region at a time": at_once if at_once > 1.0 else 0.0,
+            "bound of the disturbance": float((np.sqrt(count[SLIP : SLIP + 2]) / bounds).max()),
             "agents stay in their regions": float(count[EXITS] > 0.0),
             "no collisions": float(count[COLLISIONS] > 0.0),
             "agents keep flying": float(self.gone[e]),
