@@ -16,8 +16,9 @@ from camnet.certification.sampled import Sampling, orientation_share, window_err
 from camnet.config.load import load_scenario
 from camnet.errors import CertificateError
 from camnet.estimation.concurrent_learning import correct_pose
+from camnet.experiments.certify_world import certify_world
 from camnet.geometry.rotations_compiled import exp
-from camnet.simulation.certificates import network_report
+from camnet.simulation.certificates import network_certificates, network_report
 from camnet.simulation.network import build_network
 from camnet.simulation.sound_settings import settings_outside
 
@@ -221,6 +222,38 @@ def test_settings_outside_the_proof_are_refused_by_name(setting: str, words: str
     assert isinstance(report, dict)
     assert report["verdict"] == "refused"
     assert words in report["reason"]
+
+
+INSIDE = [
+    "estimator.gap.prior=none", "estimator.gap.learn_across=false", "estimator.stack.forgetting=false",
+    "certificate.position_error_m=1e-4", "certificate.orientation_error_rad=1e-4", "certificate.eps_bar=0.001",
+    "sensing.rate_hz=60", "estimator.weight_bound=0.4", "estimator.k1_per_s=8", "estimator.gamma=20",
+    "targets.robot.v_max_mps=0.45", "targets.robot.w_max_radps=0.45",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("world", ["stationary_loop", "quickstart"])
+def test_the_sharing_of_models_reaches_the_dwell_times_of_a_world(world: str) -> None:
+    """Defect: fixed cameras with models of their own were certified as if they shared one; agents the other way."""
+    found = {}
+    for share in (True, False):
+        network = build_network(load_scenario(world, [*INSIDE, f"estimator.share={str(share).lower()}"]))
+        dwell = network_certificates(network).sound
+        on = network_report(network)["sound"]["on_min_s"]["not_excited"]["seconds"]
+        assert dwell.v_on == pytest.approx(
+            dwell.v_hi + (0.0 if share else dwell.constants.c2), rel=1e-6
+        )  # noise apart
+        assert on == pytest.approx(dwell.on_min(h=False).seconds, rel=1e-9)
+        found[share] = on
+    assert found[False] > 1.05 * found[True]
+
+
+def test_agents_on_roads_are_judged_by_their_own_printed_condition() -> None:
+    """Defect: Theorem 3.1, which is about fixed cameras, was printed for mobile road networks in place of (4-31)."""
+    report = certify_world(load_scenario("two_vehicles"), model_error_mps=0.15).report
+    published = report["claims"]["estimate"]["published"]
+    assert "Theorem" not in published["reason"]
+    assert published["off_max_s"]["not_excited"]["equation"] == "(4-31)"
 
 
 def test_bad_sampling_is_named() -> None:

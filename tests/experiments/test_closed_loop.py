@@ -15,7 +15,7 @@ from camnet.errors import CertificateError, ConfigError, DataError
 from camnet.experiments.closed_loop.arena import hostile, parse_violation, violated, with_targets
 from camnet.experiments.closed_loop.attack import falsify_closed_loop, prepare, read_attack, replay
 from camnet.experiments.closed_loop.claims import Claims, ErrorBound, read_claims
-from camnet.experiments.closed_loop.flight import GapRecord, TruthLog, fly
+from camnet.experiments.closed_loop.flight import GapRecord, TruthLog, fly, laps_of
 from camnet.experiments.closed_loop.judge import judge, stretches
 from camnet.experiments.closed_loop.plan import Plan, PlanSpace
 from camnet.simulation.network import build_network
@@ -37,6 +37,12 @@ def log_of(seen, speed=1.0, dt=0.5):
     places = np.zeros((len(seen), 1, 3))
     places[:, 0, 0] = speed * t
     return TruthLog(t, flags, places, np.ones(flags.shape, dtype=int))
+
+
+def test_laps_count_whether_anybody_sees_or_not():
+    region = np.array([[-1, 2, 2, -1, 0, 0, -1, 2, -1, 2, 1, 2], [-1] * 12]).T
+    assert laps_of(region)[:, 0].tolist() == [1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 3]
+    assert laps_of(region)[:, 1].tolist() == [1] * 12
 
 
 def test_stretches_run_from_the_first_to_the_last_instant_without_a_view():
@@ -61,7 +67,11 @@ def test_a_promise_is_broken_beyond_its_figures_alone():
     before = log_of("00000001")
     assert judge(before, Claims(unseen_max_s=1.0), ("a",)).broken == ("unseen_s",)
     assert judge(before, Claims(unseen_max_s=1.0, into_first_view=False), ("a",)).worst == {}
-    assert judge(log, Claims(unseen_max_s=1.0, after_s=1.0), ("a",)).worst == {}
+    rest = judge(log, Claims(unseen_max_s=1.0, after_s=1.0), ("a",))
+    assert (rest.broken, rest.worst["unseen_s"]["value"]) == (("unseen_s",), 1.5)
+    assert judge(log, Claims(unseen_max_s=1.0, after_s=3.0), ("a",)).worst == {}
+    blind = Claims(unseen_max_s=1.0, into_first_view=False, after_s=2.0)
+    assert judge(log_of("00000001"), blind, ("a",)).worst["unseen_s"]["value"] == 1.0
     assert judge(log, Claims(unseen_max_s=1.0, after_laps=1), ("a",)).worst == {}
 
 

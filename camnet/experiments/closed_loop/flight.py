@@ -33,7 +33,7 @@ from camnet.world.description import WorldDescription
 from camnet.world.protocol import CameraCommand, World
 from camnet.world.pybullet import PyBulletWorld
 
-__all__ = ["GapRecord", "TruthLog", "fly"]
+__all__ = ["GapRecord", "TruthLog", "fly", "laps_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class TruthLog:
     t_s : (T,) sensing instants, s
     seen : (T, M) whether some camera sees the target
     p_world : (T, M, 3) where it is, m
-    lap : (T, M) which lap of its tour it is on, from 1 (0 where nobody counts)
+    lap : (T, M) which lap of its tour through the regions it is on, seen or not, from 1 (0 where nobody counts)
     gaps : gaps that ended, with the estimate's errors; empty where no estimator ran
     use : by assumption, the largest share of what is assumed that occurred
     """
@@ -67,6 +67,24 @@ class TruthLog:
     lap: IntArray
     gaps: list[GapRecord] = field(default_factory=list)
     use: dict[str, float] = field(default_factory=dict)
+
+
+def laps_of(region: IntArray) -> IntArray:
+    """Return the lap (T, M), from 1, of targets that are truly in ``region`` (T, M), -1 in none.
+
+    A lap ends where a target comes back to the region that it was in first. Whoever is lost goes on counting: a promise
+    that waits for a lap is not put off by a network that sees nothing.
+    """
+    out = np.ones(region.shape, dtype=np.int64)
+    for m in range(region.shape[1]):
+        inside = np.flatnonzero(region[:, m] >= 0)
+        if len(inside) == 0:
+            continue
+        visited = region[inside, m]
+        back = (visited[1:] == visited[0]) & (visited[:-1] != visited[0])
+        for k in inside[1:][back].tolist():
+            out[k:, m] += 1
+    return out
 
 
 def fly(network: Network, plan: Plan, estimator: str | None) -> TruthLog:
@@ -155,14 +173,14 @@ class _Keeper:
         self.t_s: list[float] = []
         self.seen: list[Any] = []
         self.places: list[Array] = []
-        self.laps: list[list[int]] = []
+        self.regions: list[IntArray] = []
         self.at_once = 0
 
     def __call__(self, simulation: NetworkSimulation) -> None:
         self.t_s.append(simulation.snapshot.t_s)
         self.seen.append(simulation.visible.any(axis=0))
         self.places.append(simulation.snapshot.target_p_world.copy())
-        self.laps.append([tracker.lap for tracker in simulation.trackers])
+        self.regions.append(simulation.target_region.copy())
         inside = simulation.target_region[simulation.target_region >= 0]
         self.at_once = max(self.at_once, int(np.bincount(inside).max(initial=0)))
 
@@ -184,7 +202,7 @@ def _fly(simulation: NetworkSimulation) -> TruthLog:
         np.array(keeper.t_s),
         np.array(keeper.seen),
         np.array(keeper.places),
-        np.array(keeper.laps),
+        laps_of(np.array(keeper.regions)),
         gaps,
         _use(simulation, keeper),
     )

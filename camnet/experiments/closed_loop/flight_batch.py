@@ -14,13 +14,13 @@ import numpy as np
 from camnet.batch.loop import DIVERGED
 from camnet.batch.network import Shown, pack_network
 from camnet.batch.simulation import BatchSimulation
-from camnet.batch.state import COLLISIONS, ESTIMATE, EXITS, LAP, SLIP
+from camnet.batch.state import COLLISIONS, ESTIMATE, EXITS, SLIP
 from camnet.env.batch_handoff import batch_filter
 from camnet.env.batch_messages import Present, shared_rows
 from camnet.env.batch_modes import AssignRows
 from camnet.errors import ConfigError, SimulationError
 from camnet.experiments.closed_loop.arena import hostile
-from camnet.experiments.closed_loop.flight import GapRecord, TruthLog
+from camnet.experiments.closed_loop.flight import GapRecord, TruthLog, laps_of
 from camnet.experiments.closed_loop.plan import Plan, PlanSpace
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, IntArray
@@ -171,29 +171,28 @@ class _Keeper:
         places, estimate = simulation.gather("target")[..., :3], simulation.gather("estimate")
         seen = simulation.gather("visible").any(axis=1) & ~self.gone[:, None]
         camera = np.where(seen, simulation.gather("measured")[..., 7], -1.0).astype(np.int64)
-        lap = simulation.gather("track")[..., LAP].astype(np.int64)
+        region = simulation.gather("region")
         missed = np.full(seen.shape, np.nan)
         if self._before is not None:
             p, v = self._before[..., ESTIMATE["p"]], self._before[..., ESTIMATE["v"]]
             missed = np.linalg.norm(p + (t_s - self._t_s[-1]) * v - places, axis=-1)
         self._t_s.append(t_s)
-        self._rows.append((seen, places, lap, camera, missed))
+        self._rows.append((seen, places, region, camera, missed))
         self._before = estimate
-        region = simulation.gather("region")
         for j in range(simulation.network.n_agents):
             self._at_once = np.maximum(self._at_once, (region == j).sum(axis=1))
 
     def logs(self) -> list[TruthLog]:
         """Return the log of each environment."""
         t_s = np.array(self._t_s)
-        seen, places, lap, camera, missed = (np.array([row[i] for row in self._rows]) for i in range(5))
+        seen, places, region, camera, missed = (np.array([row[i] for row in self._rows]) for i in range(5))
         counts = self._simulation.gather("count")
         return [
             TruthLog(
                 t_s,
                 seen[:, e],
                 places[:, e],
-                lap[:, e],
+                laps_of(region[:, e]),
                 [g for m in range(seen.shape[2]) for g in _gaps(m, t_s, camera[:, e, m], missed[:, e, m])],
                 self._use(e, counts[e]),
             )

@@ -7,7 +7,7 @@ watched.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -59,29 +59,34 @@ class Outcome:
         return {**asdict(self), "broken": list(self.broken)}
 
 
-def stretches(log: TruthLog) -> Iterator[Stretch]:
-    """Yield every stretch out of view, target by target."""
+def stretches(log: TruthLog, since: Sequence[float] | None = None) -> Iterator[Stretch]:
+    """Yield every stretch out of view, target by target; of those under way ``since`` a target's time, the rest."""
     for m in range(log.seen.shape[1]):
+        begin = 0 if since is None else int(np.searchsorted(log.t_s, since[m]))
         unseen = np.concatenate([[False], ~log.seen[:, m], [False]])
         change = np.flatnonzero(np.diff(unseen.astype(np.int8)))
         steps = np.linalg.norm(np.diff(log.p_world[:, m], axis=0), axis=1)
         way = np.concatenate([[0.0], np.cumsum(steps)])
-        for i, j in zip(change[::2].tolist(), (change[1::2] - 1).tolist(), strict=True):
-            time_s, length_m = float(log.t_s[j] - log.t_s[i]), float(way[j] - way[i])
-            yield Stretch(m, float(log.t_s[i]), time_s, length_m, i == 0, j == len(log.t_s) - 1)
+        for start, j in zip(change[::2].tolist(), (change[1::2] - 1).tolist(), strict=True):
+            i = max(start, begin)
+            if i <= j:
+                time_s, length_m = float(log.t_s[j] - log.t_s[i]), float(way[j] - way[i])
+                yield Stretch(m, float(log.t_s[i]), time_s, length_m, start == 0, j == len(log.t_s) - 1)
 
 
 def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
     """Compare a flight with what is promised.
 
-    The way into the first view rests on no estimate: it counts from the start, whatever the promise waits for.
+    The way into the first view rests on no estimate: it counts from the start, whatever the promise waits for. Where it
+    is not promised, a target that nobody has seen by the time at which the promise holds counts from then on.
     """
     worst: dict[str, dict[str, Any]] = {}
     since = [_since(log, claims, m, claims.after_laps) for m in range(len(names))]
     count = 0
-    for s in stretches(log):
-        if not claims.into_first_view if s.first else s.from_s < since[s.target]:
-            continue
+    waits = claims.after_laps > 0 or claims.after_s > 0.0
+    whole = [s for s in stretches(log) if s.first and claims.into_first_view]
+    later = [s for s in stretches(log, since) if not s.first or (waits and not claims.into_first_view)]
+    for s in whole + later:
         count += not s.first and not s.open
         where = {"target": names[s.target], "from_s": s.from_s, "into_first_view": s.first, "cut_off": s.open}
         _note(worst, "unseen_m", s.length_m, claims.unseen_max_m, where)
