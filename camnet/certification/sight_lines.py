@@ -49,6 +49,10 @@ class Solids:
             ptr,
         )
 
+    def grown(self, by_m: float) -> Solids:
+        """Return solids whose faces are moved outwards by ``by_m``, m; inwards where it is negative."""
+        return Solids(self.normals, self.limits + by_m, self.ptr)
+
 
 def seen_by(points: Array, views: Views, solids: Solids) -> BoolArray:
     """Return whether each camera sees all feature points, (n, C), of targets with points (n, F, 3), m."""

@@ -51,6 +51,7 @@ _USED_BY: dict[str, tuple[str, ...]] = {
     "aim_step": ("world",),
     "survive": ("world",),
     "private": ("world",),
+    "mount_tolerance": ("world",),
     "overrides": ("world",),
     "v_lo": ("roads", "repair", "world"),
     "v_max": ("roads", "repair", "world"),

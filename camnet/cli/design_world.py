@@ -59,6 +59,12 @@ def add_world_options(parser: argparse.ArgumentParser) -> None:
         help="areas that no camera may see, from the ground to 2 m: longitude and latitude with --origin, else metres",
     )
     group.add_argument(
+        "--mount-tolerance",
+        metavar="M,DEG",
+        help="keep the promise however the added cameras are installed: this far off their places, m, and turned by "
+        "this much about any axis, degrees, at most; cameras that stand count as they are",
+    )
+    group.add_argument(
         "--aim-step",
         type=positive,
         metavar="DEG",
@@ -104,12 +110,13 @@ def _design(args: argparse.Namespace, origin: Any, advance: Any) -> Any:  # noqa
     from camnet.experiments.restate import restate_class
     from camnet.importers.geojson_areas import read_areas
 
+    tolerance = _tolerance(args.mount_tolerance)
     catalogue = load_catalogue(args.catalogue)
     scenario = _world(args)
     scenario = restate_class(scenario, v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
     return design_world(
         scenario,
-        _mounts(args.mounts, scenario),
+        _mounts(args.mounts, scenario, tolerance),
         catalogue,
         pixel_class=args.pixel_class,
         off_max_s=args.off_max,
@@ -120,6 +127,7 @@ def _design(args: argparse.Namespace, origin: Any, advance: Any) -> Any:  # noqa
         budget=args.budget,
         survive=args.survive or 0,
         private=() if args.private is None else read_areas(args.private, origin),
+        tolerance=tolerance,
         aim_step_deg=args.aim_step or 15.0,
         time_limit_s=args.time_limit,
         seed=args.seed or 0,
@@ -140,7 +148,21 @@ def _world(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     return scenario
 
 
-def _mounts(texts: Sequence[str], scenario: Any) -> list[Any]:  # noqa: ANN401 - Scenario, Mount
+def _tolerance(text: str | None) -> Any:  # noqa: ANN401 - imported late
+    """Return the tolerance of ``--mount-tolerance``, None without one."""
+    from camnet.geometry.mount_tolerance import MountTolerance
+
+    if text is None:
+        return None
+    position_m, angle_deg = numbers("--mount-tolerance", text, ("metres", "degrees"), "0.05,1")
+    if not (0.0 <= position_m <= 10.0 and 0.0 <= angle_deg < 45.0):
+        raise ConfigError(
+            f"--mount-tolerance {text}: 0 to 10 m and 0 to below 45 degrees were expected, such as 0.05,1"
+        )
+    return MountTolerance(position_m, angle_deg)
+
+
+def _mounts(texts: Sequence[str], scenario: Any, tolerance: Any) -> list[Any]:  # noqa: ANN401 - Scenario, Mount
     """Return the mounts of ``--mounts``.
 
     Raises
@@ -148,17 +170,19 @@ def _mounts(texts: Sequence[str], scenario: Any) -> list[Any]:  # noqa: ANN401 -
     ConfigError
         A text is neither a file nor one of the rules, or two mounts have one name.
     """
-    from camnet.experiments.design_mounts import outline_mounts, wall_mounts
-    from camnet.experiments.design_world import places_of
+    from camnet.experiments.design_mounts import BRACKET_M, outline_mounts, wall_mounts
+    from camnet.experiments.site_ways import places_of
     from camnet.geometry.regions import build_region
     from camnet.importers.mounts import read_mounts
 
     solids = [build_region(o.name, o.shape) for o in scenario.occluders]
+    # a camera that is installed off its place does not stand in the wall
+    bracket_m = max(BRACKET_M, 0.0 if tolerance is None else tolerance.position_m + 0.5 * BRACKET_M)
     found = []
     for text in texts:
         rule, colon, rest = text.partition(":")
         if colon and rule == "walls":
-            found += wall_mounts(solids, *_two_lengths(text, rest))
+            found += wall_mounts(solids, *_two_lengths(text, rest), bracket_m)
         elif colon and rule == "outline":
             found += outline_mounts(places_of(scenario), solids, *_two_lengths(text, rest))
         else:
@@ -263,5 +287,11 @@ def _print(content: dict[str, Any]) -> None:
         print(
             f"  after any {content['survive']} fail: at most {worst['unseen_max_m']:.1f} m, "
             f"{worst['unseen_max_s']:.1f} s out of view (without {', '.join(worst['failed'])})"
+        )
+    if content["with_installation_error"] is not None:
+        held = content["with_installation_error"]
+        print(
+            f"  installed up to {held['position_m']:g} m and {held['angle_deg']:g} degrees off: at most "
+            f"{held['unseen_max_m']:.1f} m, {held['unseen_max_s']:.1f} s out of view"
         )
     print("  certified anew from the world as written")

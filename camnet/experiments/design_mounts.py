@@ -22,16 +22,17 @@ import shapely
 from camnet.certification.coverage import Views
 from camnet.errors import ConfigError
 from camnet.geometry.frustum import Frustum
+from camnet.geometry.mount_tolerance import MountTolerance, held_frustum
 from camnet.geometry.regions import Region
 from camnet.geometry.rotations import look_at
 from camnet.geometry.settings import CameraModel
 from camnet.importers.mounts import Mount
 from camnet.types import Array, IntArray
 
-__all__ = ["Candidates", "candidates_at", "outline_mounts", "wall_mounts"]
+__all__ = ["BRACKET_M", "Candidates", "candidates_at", "outline_mounts", "wall_mounts"]
 
 #: a camera on a wall stands this far off it, m
-_BRACKET_M = 0.1
+BRACKET_M = 0.1
 #: the outline of a site runs this far outside its ways and walls, m
 _OUTSIDE_M = 1.0
 #: distance of the point that a camera looks at, m
@@ -75,19 +76,34 @@ class Candidates:
             self.tilt_deg[rows],
         )
 
-    def views(self, models: Sequence[CameraModel], rows: IntArray) -> Views:
-        """Return the fields of view of some of the candidates."""
+    def views(
+        self, models: Sequence[CameraModel], rows: IntArray, tolerance: MountTolerance | None = None
+    ) -> Views:
+        """Return the fields of view of some of the candidates; with a tolerance, what they see at every pose in it."""
         order = np.argsort(self.model[rows], kind="stable")
         parts = []
         for k, model in enumerate(models):
             of = rows[order][self.model[rows][order] == k]
             p, q = self.position_m[of], look_at(self.position_m[of], self.look_at_m[of])
-            parts.append(Frustum.from_camera(model).in_world(p, q))
+            parts.append(_frustum(model, tolerance).in_world(p, q))
         back = np.argsort(order, kind="stable")
         a, b, corners = (
             np.concatenate([getattr(f, name) for f in parts])[back] for name in ("A", "b", "corners")
         )
         return Views.create(a, b, corners, self.position_m[rows])
+
+
+def _frustum(model: CameraModel, tolerance: MountTolerance | None) -> Frustum:
+    whole = Frustum.from_camera(model)
+    if tolerance is None:
+        return whole
+    held = held_frustum(whole, tolerance.position_m, tolerance.angle_deg)
+    if held is None:
+        raise ConfigError(
+            f"--mount-tolerance {tolerance.position_m:g},{tolerance.angle_deg:g}: camera {model.name!r} sees nothing "
+            "at every pose within it: install more exactly, or leave the camera out of the catalogue"
+        )
+    return held
 
 
 def candidates_at(mounts: Sequence[Mount], models: Sequence[CameraModel], step_deg: float) -> Candidates:
@@ -137,11 +153,13 @@ def _tilts(mount: Mount, step: float) -> list[float]:
     return inner or sorted({low, 0.5 * (low + high), high})
 
 
-def wall_mounts(solids: Sequence[Region], spacing_m: float, height_m: float) -> list[Mount]:
+def wall_mounts(
+    solids: Sequence[Region], spacing_m: float, height_m: float, bracket_m: float = BRACKET_M
+) -> list[Mount]:
     """Return mounts every ``spacing_m`` along walls that reach ``height_m``, and at their outer corners.
 
     Along a wall a camera may look anywhere away from it, at an outer corner along both walls too. Places inside another
-    solid are left out.
+    solid are left out. Cameras stand ``bracket_m`` off the wall.
 
     Raises
     ------
@@ -158,11 +176,11 @@ def wall_mounts(solids: Sequence[Region], spacing_m: float, height_m: float) -> 
         )
     length = sum(shapely.Polygon(w.footprint()).length for w in walls)
     _bounded("walls", length, spacing_m, height_m)
-    found = [m for wall in walls for m in _along_wall(wall, spacing_m, height_m)]
+    found = [m for wall in walls for m in _along_wall(wall, spacing_m, height_m, bracket_m)]
     return [m for m in found if all(s.signed_distance([m.x_m, m.y_m, m.z_m]) > 0.0 for s in solids)]
 
 
-def _along_wall(wall: Region, spacing_m: float, height_m: float) -> list[Mount]:
+def _along_wall(wall: Region, spacing_m: float, height_m: float, bracket_m: float) -> list[Mount]:
     corners = np.asarray(wall.footprint())
     along = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(along, axis=1)
@@ -173,14 +191,14 @@ def _along_wall(wall: Region, spacing_m: float, height_m: float) -> list[Mount]:
         facing = math.degrees(math.atan2(normal[1], normal[0]))
         n = max(1, math.floor(length / spacing_m + 1e-9))
         for s in ((np.arange(n) + 0.5) * spacing_m + 0.5 * (length - n * spacing_m)).tolist():
-            p = start + s * d + _BRACKET_M * normal
+            p = start + s * d + bracket_m * normal
             name = f"{wall.name} wall {len(out) + 1}"
             out.append(Mount(name, float(p[0]), float(p[1]), height_m, (facing - 90.0, facing + 90.0)))
         after = along[(k + 1) % len(along)] / lengths[(k + 1) % len(along)]
         turn = math.degrees(math.atan2(d[0] * after[1] - d[1] * after[0], float(d @ after)))
         if turn > 30.0:  # an outer corner; the pieces of a round wall are none
             half = math.radians(facing + 0.5 * turn)
-            p = start + along[k] + _BRACKET_M * np.array([math.cos(half), math.sin(half)])
+            p = start + along[k] + bracket_m * np.array([math.cos(half), math.sin(half)])
             name = f"{wall.name} corner {len(out) + 1}"
             pan = (facing - 90.0, facing + turn + 90.0)
             out.append(Mount(name, float(p[0]), float(p[1]), height_m, pan))

@@ -6,15 +6,19 @@ between. Points are looked at on a grid of ``_STEP_M`` over the area grown by th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import shapely
 
+from camnet.certification.coverage import Views
 from camnet.certification.sight_lines import seen_by
 from camnet.errors import CertificateError, ConfigError
 from camnet.experiments.design_mounts import Candidates
 from camnet.experiments.promise_world import fixed_views, solids_of
+from camnet.geometry.frustum import Frustum
+from camnet.geometry.mount_tolerance import MountTolerance
 from camnet.geometry.settings import CameraModel
 from camnet.importers.geojson_areas import NamedArea
 from camnet.simulation.network import Network
@@ -62,8 +66,9 @@ def keep_private(
     network: Network,
     areas: Sequence[NamedArea],
     with_standing: bool,
+    tolerance: MountTolerance | None = None,
 ) -> Candidates:
-    """Return the candidates that see nothing of the areas.
+    """Return the candidates that see nothing of the areas, wherever within the tolerance they are installed.
 
     Raises
     ------
@@ -81,8 +86,25 @@ def keep_private(
             )
     rows = np.arange(len(candidates))
     blocks = [rows[k : k + _BLOCK] for k in range(0, len(rows), _BLOCK)]
-    sees = [seen_by(points, candidates.views(models, block), solids).any(axis=0) for block in blocks]
+    views_of = [candidates.views(models, block) for block in blocks]
+    if tolerance is not None:
+        reach = max(float(np.linalg.norm(Frustum.from_camera(m).corners, axis=-1).max()) for m in models)
+        views_of = [_widened(v, tolerance, reach) for v in views_of]
+        solids = solids.grown(-tolerance.position_m)
+    sees = [seen_by(points, views, solids).any(axis=0) for views in views_of]
     allowed = rows[~np.concatenate(sees)]
     if len(allowed) == 0:
         raise CertificateError(f"all {len(rows)} candidates see a private area: add mounts that do not")
     return candidates.only(allowed)
+
+
+def _widened(views: Views, tolerance: MountTolerance, reach_m: float) -> Views:
+    """Return views that hold those of every pose within the tolerance, of cameras that see ``reach_m`` far.
+
+    A face turned by theta about the optical centre and shifted by delta moves outwards by at most delta +
+    2 sin(theta / 2) (reach + delta) at the points that a camera can see.
+    """
+    turn = 2.0 * math.sin(0.5 * math.radians(tolerance.angle_deg))
+    by = tolerance.position_m + turn * (reach_m + tolerance.position_m)
+    bounds = views.bounds_xy + by * np.array([-1.0, -1.0, 1.0, 1.0])
+    return Views(views.normals, views.offsets + by, bounds, views.position)

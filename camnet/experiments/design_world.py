@@ -23,39 +23,27 @@ from camnet.config.catalogue import CatalogueCamera
 from camnet.config.models import FixedCamera, Scenario
 from camnet.errors import CertificateError, ConfigError
 from camnet.experiments.certified import Certified
-from camnet.experiments.certify_path import follow
-from camnet.experiments.certify_world import alone, certify_world, limit_of
+from camnet.experiments.certify_world import limit_of
+from camnet.experiments.design_confirm import check_failures, confirm
 from camnet.experiments.design_mounts import Candidates, candidates_at
 from camnet.experiments.design_private import keep_private
 from camnet.experiments.design_roads import best_placement
 from camnet.experiments.promise_world import Limit, fixed_views, solids_of, target_features, watch
 from camnet.experiments.restate import restate_pixels
-from camnet.experiments.target_groups import target_groups
-from camnet.experiments.world_ways import drawn_ways, driven_ways
+from camnet.experiments.site_ways import SiteWays, site_ways
+from camnet.geometry.mount_tolerance import MountTolerance
 from camnet.geometry.pixel_density import pixels_per_metre
 from camnet.geometry.settings import CameraModel, FixedPose
 from camnet.importers.geojson_areas import NamedArea
 from camnet.importers.mounts import Mount
-from camnet.motion.road import RoadMotion
-from camnet.motion.settings import VectorFieldTarget
-from camnet.simulation.network import Network, build_network
 from camnet.types import Array, IntArray
 
-__all__ = ["DesignedWorld", "SiteWays", "design_world", "places_of", "site_ways"]
+__all__ = ["DesignedWorld", "design_world"]
 
 #: the solver asks for this share less than what is allowed, so that halvings of a tenth of a millimetre never decide
 _SPARE = 1e-4
 #: candidates that are looked at in one go
 _BLOCK = 500
-
-
-@dataclass(frozen=True, eq=False)
-class SiteWays:
-    """Ways of targets of one class, and the world with one of them."""
-
-    network: Network
-    names: tuple[str, ...]
-    ways: tuple[Ways, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,45 +53,6 @@ class DesignedWorld:
     report: dict[str, Any]
     certified: Certified
     scenario: Scenario
-
-
-def site_ways(scenario: Scenario) -> list[SiteWays]:
-    """Return every way of every target of a world: roads as drawn and as driven, the paths of fields.
-
-    Raises
-    ------
-    ConfigError
-        The world has agents or no targets, or a target may go anywhere.
-    """
-    if scenario.agents:
-        raise ConfigError(
-            f"world {scenario.name!r} has {len(scenario.agents)} agents: fixed cameras are placed, which need none; "
-            "take agents and regions out of the world"
-        )
-    if not scenario.targets:
-        raise ConfigError(f"world {scenario.name!r} has no targets: nothing asks for a camera")
-    whole = build_network(scenario)
-    return [_ways_of(alone(whole, group), group.members, whole) for group in target_groups(scenario, None)]
-
-
-def _ways_of(network: Network, members: tuple[str, ...], whole: Network) -> SiteWays:
-    target = network.scenario.targets[0]
-    motions = [t.motion for t in whole.description.targets if t.name in members]
-    roads = [m for m in motions if isinstance(m, RoadMotion)]
-    if roads:
-        slow = roads[0].speed_mps[0]
-        return SiteWays(network, members, (drawn_ways(network, roads, slow), driven_ways(roads, slow)))
-    if isinstance(target.motion, VectorFieldTarget):
-        return SiteWays(network, members, (follow(network).ways,))
-    raise ConfigError(
-        f"target {target.name!r} is of kind {target.motion.kind!r}: it may go anywhere, so that no choice of cameras "
-        "bounds its time out of view; give it roads, or use camnet design --tracks"
-    )
-
-
-def places_of(scenario: Scenario) -> Array:
-    """Return places (n, 2), m, all along the ways of a world's targets."""
-    return np.concatenate([ways.xy for site in site_ways(scenario) for ways in site.ways])
 
 
 def design_world(
@@ -120,6 +69,7 @@ def design_world(
     budget: float | None = None,
     survive: int = 0,
     private: Sequence[NamedArea] = (),
+    tolerance: MountTolerance | None = None,
     aim_step_deg: float = 15.0,
     time_limit_s: float = 60.0,
     seed: int = 0,
@@ -139,6 +89,7 @@ def design_world(
     count, budget : most cameras, and most money, that may be added
     survive : the limit is kept after any so many cameras fail
     private : areas that no camera may see (``design_private``)
+    tolerance : the limit is kept, and private areas are not seen, wherever within it added cameras are installed
     aim_step_deg : between two directions of a candidate, degrees
     time_limit_s, seed, progress : of ``place_cameras``
 
@@ -159,11 +110,11 @@ def design_world(
     candidates = candidates_at(mounts, models, aim_step_deg)
     tried = len(candidates)
     if private:
-        candidates = keep_private(candidates, models, sites[0].network, private, keep)
+        candidates = keep_private(candidates, models, sites[0].network, private, keep, tolerance)
     price = np.array([c.price for c in catalogue])[candidates.model]
     price = price + np.array([m.cost for m in mounts])[candidates.mount]
     standing = scenario.fixed_cameras if keep else ()
-    seeing, parts = _look(sites, candidates, models, bool(standing), limit)
+    seeing, parts = _look(sites, candidates, models, bool(standing), limit, tolerance)
     roads, cover = ways_as_one(parts)
     n = len(seeing)
     there = n + np.arange(len(standing))
@@ -179,8 +130,9 @@ def design_world(
     found, share = best_placement(place, 1.0, count, objective, budget)
     chosen = seeing[found.chosen]
     designed = world_with(scenario, candidates, mounts, models, chosen, keep, limit)
-    certified = _confirm(designed, limit, share)
+    certified = confirm(designed, limit, share)
     failures = check_failures(designed, limit, share, survive) if survive else None
+    installed = None if tolerance is None else _installed(parts, found.chosen, len(seeing), tolerance)
     cameras = [_row(candidates, mounts, catalogue, k) for k in chosen.tolist()]
     for row, camera in zip(cameras, designed.fixed_cameras[len(standing) :], strict=True):
         row["name"] = camera.name
@@ -201,6 +153,7 @@ def design_world(
         "candidates_that_see": n,
         "survive": survive,
         "after_failures": failures,
+        "with_installation_error": installed,
         "private": [area.name for area in private],
         "pixel_class": pixel_class or "detect",
         "pixels_per_m": pixels_per_metre(pixel_class or "detect"),
@@ -236,15 +189,17 @@ def _look(
     models: Sequence[CameraModel],
     with_standing: bool,
     limit: Limit,
+    tolerance: MountTolerance | None,
 ) -> tuple[IntArray, list[LimitedWays]]:
     """Return the candidates that see something, and what each sees of all ways; standing cameras come after them."""
     everything = np.arange(len(candidates))
     found: list[tuple[Ways, Coverage, Coverage | None]] = []
     for site in sites:
         features, solids = target_features(site.network), solids_of(site.network)
+        grown = solids if tolerance is None else solids.grown(tolerance.position_m)
         views, _ = fixed_views(site.network)
         for ways in site.ways:
-            cover = _cover(ways, candidates, models, everything, solids, features)
+            cover = _cover(ways, candidates, models, everything, grown, features, tolerance)
             own = cover_ways(ways, views, solids, features) if with_standing and views is not None else None
             found.append((ways, cover, own))
     seeing = np.unique(np.concatenate([cover.camera for _, cover, _ in found]))
@@ -272,12 +227,13 @@ def _cover(
     rows: IntArray,
     solids: Any,  # noqa: ANN401 - Solids
     features: Array,
+    tolerance: MountTolerance | None,
 ) -> Coverage:
     """Look along the ways with all candidates, some at a time."""
     whole: Coverage | None = None
     parts: list[tuple[Coverage, int]] = []
     for first in range(0, len(rows), _BLOCK):
-        views: Views = candidates.views(models, rows[first : first + _BLOCK])
+        views: Views = candidates.views(models, rows[first : first + _BLOCK], tolerance)
         parts.append((cover_ways(ways, views, solids, features), first))
     names = ("arc", "start_m", "end_m", "depth_m", "deepest_m")
     arc, start, end, depth, at = (np.concatenate([getattr(c, n) for c, _ in parts]) for n in names)
@@ -331,54 +287,23 @@ def _free_name(name: str, taken: Any) -> str:  # noqa: ANN401 - anything with na
     return next(f"{name}_{k}" for k in itertools.count(2) if f"{name}_{k}" not in taken)
 
 
-def _confirm(designed: Scenario, limit: Limit, share: float) -> Certified:
-    """Certify the designed world anew, for the share of the limit that was found.
-
-    Raises
-    ------
-    CertificateError
-        The certifier does not confirm what the solver found.
-    """
-    if not designed.fixed_cameras:
-        raise CertificateError("the design has no camera: nothing asks for one; allow less out of view")
-    off_s, off_m = (None if v is None else share * v for v in (limit.off_s, limit.off_m))
-    certified = certify_world(designed, off_max_s=off_s, off_max_m=off_m)
-    promise = certified.report["promise"]
-    if promise["verdict"] != "certified":
-        why = "; ".join(promise["reasons"])
-        raise CertificateError(f"the certifier does not confirm the solver's answer: {why}")
-    return certified
-
-
-def check_failures(designed: Scenario, limit: Limit, share: float, survive: int) -> dict[str, Any]:
-    """Return the longest stretches out of view after any ``survive`` cameras fail, and which failures those are.
-
-    Raises
-    ------
-    CertificateError
-        They exceed what is allowed.
-    """
-    watched: list[tuple[Ways, Coverage]] = []
-    names: list[str] = []
-    for site in site_ways(designed):
-        views, names = fixed_views(site.network)
-        assert views is not None
-        solids, features = solids_of(site.network), target_features(site.network)
-        watched += [(ways, cover_ways(ways, views, solids, features)) for ways in site.ways]
-    none: tuple[int, ...] = ()
-    worst_m, worst_s = (-1.0, none), (-1.0, none)
-    for failed in itertools.combinations(range(len(names)), min(survive, len(names))):
-        left = [watch(w, coverage_rows(c, ~np.isin(c.camera, failed))) for w, c in watched]
-        worst_m = max(worst_m, (max(w.in_m.longest[0] for w in left), failed))
-        worst_s = max(worst_s, (max(w.in_s.longest[0] for w in left), failed))
-    far, late = (np.inf if v is None else share * v + 1e-6 for v in (limit.off_m, limit.off_s))
-    lost = [names[k] for k in worst_s[1]]
-    if worst_m[0] > far or worst_s[0] > late:
-        raise CertificateError(
-            f"the certifier does not confirm the solver's answer: without {', '.join(lost)} a target is out of view "
-            f"for {worst_m[0]:.4g} m, {worst_s[0]:.4g} s"
+def _installed(
+    parts: Sequence[LimitedWays], chosen: IntArray, added: int, tolerance: MountTolerance
+) -> dict[str, Any]:
+    """Return the longest stretches out of view, wherever within the tolerance the chosen cameras are installed."""
+    held = [
+        watch(
+            p.ways,
+            coverage_rows(p.coverage, np.isin(p.coverage.camera, chosen) | (p.coverage.camera >= added)),
         )
-    return {"unseen_max_m": worst_m[0], "unseen_max_s": worst_s[0], "failed": lost}
+        for p in parts
+    ]
+    return {
+        "position_m": tolerance.position_m,
+        "angle_deg": tolerance.angle_deg,
+        "unseen_max_m": max(w.in_m.longest[0] for w in held),
+        "unseen_max_s": max(w.in_s.longest[0] for w in held),
+    }
 
 
 def _row(

@@ -20,7 +20,7 @@ from camnet.config.catalogue import load_catalogue
 from camnet.config.load import load_scenario
 from camnet.errors import ConfigError, DataError
 from camnet.experiments.design_mounts import candidates_at, outline_mounts, wall_mounts
-from camnet.experiments.design_world import site_ways
+from camnet.experiments.site_ways import site_ways
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.regions import build_region
 from camnet.geometry.rotations import look_at
@@ -184,6 +184,33 @@ def test_no_camera_sees_a_private_area(capsys, depot, coarse, rays, tmp_path):
     assert "which stands, sees a private area" in refused(capsys, *standing)
 
 
+def test_a_design_holds_under_installation_error(capsys, depot, rays, tmp_path):
+    words = ("--mount-tolerance", "0.05,2", "--out", tmp_path / "d")
+    status, report = design(capsys, depot, *_FEW, *words)
+    assert (status, report["certified"]) == (0, True)
+    held = report["with_installation_error"]
+    assert report["promise"]["unseen_max_s"] <= held["unseen_max_s"] <= 30.0
+    world = yaml.safe_load((tmp_path / "d" / "world.yaml").read_text())
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for _ in range(6):
+        rays.clean()
+        installed = [{**c, "pose": _misplaced(c["pose"], 0.05, 2.0, rng)} for c in world["fixed_cameras"]]
+        worst = max(worst, rays.longest_hidden({**world, "fixed_cameras": installed}))
+    assert worst <= held["unseen_max_m"] + 0.2
+
+
+def _misplaced(pose, position_m, angle_deg, rng):
+    """Return a pose at the border of what is tolerated; a turn about the optical axis is left to the frustum's test."""
+    p, look = np.array(pose["position_m"]), np.array(pose["look_at_m"])
+    axis = (look - p) / np.linalg.norm(look - p)
+    across = np.cross(axis, rng.normal(size=3))
+    turn = np.tan(np.radians(angle_deg)) * across / np.linalg.norm(across)
+    off = rng.normal(size=3)
+    p = p + position_m * off / np.linalg.norm(off)
+    return {"position_m": p.tolist(), "look_at_m": (p + 10.0 * (axis + turn)).tolist()}
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_hitting_sets_that_need_several_agree_with_brute_force(seed):
     rng = np.random.default_rng(seed)
@@ -220,6 +247,7 @@ def test_hitting_sets_that_need_several_agree_with_brute_force(seed):
         ((*_WALLS, "--model-error", "3"), "--model-error 3"),
         ((*_WALLS, "--initial-error", "3"), "--initial-error 3"),
         ((*_WALLS, "--budget", "500", "--count", "3"), "money bounds the price"),
+        ((*_WALLS, "--mount-tolerance", "0.05,60"), "such as 0.05,1"),
         (("--mounts", "walls:2,9"), "the highest wall ends at 5.5 m"),
         (("--mounts", "walls:2"), "such as walls:2,5"),
         (("--mounts", "walls:2,5", "--mounts", "walls:2,5"), "is there twice"),
@@ -231,7 +259,17 @@ def test_what_does_not_apply_is_refused(capsys, depot, words, advice):
 
 @pytest.mark.parametrize(
     "option",
-    ["--mounts", "--catalogue", "--existing", "--budget", "--aim-step", "--set", "--survive", "--private"],
+    [
+        "--mounts",
+        "--catalogue",
+        "--existing",
+        "--budget",
+        "--aim-step",
+        "--set",
+        "--survive",
+        "--private",
+        "--mount-tolerance",
+    ],
 )
 @pytest.mark.parametrize("source", ["--roads", "--tracks"])
 def test_other_designs_refuse_what_is_for_worlds(capsys, source, option):
