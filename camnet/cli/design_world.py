@@ -29,6 +29,7 @@ def add_world_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="WHERE",
         help="where cameras may be: a CSV (name,x,y,z[,pan_min,pan_max,tilt_min,tilt_max,cost]; m, degrees), "
+        "a GeoJSON of points with name and height and the same properties (longitude and latitude with --origin), "
         "walls:SPACING,HEIGHT along walls as high as that, or outline:SPACING,HEIGHT for masts around the site, m; "
         "repeatable",
     )
@@ -116,7 +117,7 @@ def _design(args: argparse.Namespace, origin: Any, advance: Any) -> Any:  # noqa
     scenario = restate_class(scenario, v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
     return design_world(
         scenario,
-        _mounts(args.mounts, scenario, tolerance),
+        _mounts(args.mounts, scenario, tolerance, origin),
         catalogue,
         pixel_class=args.pixel_class,
         off_max_s=args.off_max,
@@ -162,7 +163,7 @@ def _tolerance(text: str | None) -> Any:  # noqa: ANN401 - imported late
     return MountTolerance(position_m, angle_deg)
 
 
-def _mounts(texts: Sequence[str], scenario: Any, tolerance: Any) -> list[Any]:  # noqa: ANN401 - Scenario, Mount
+def _mounts(texts: Sequence[str], scenario: Any, tolerance: Any, origin: Any) -> list[Any]:  # noqa: ANN401
     """Return the mounts of ``--mounts``.
 
     Raises
@@ -173,6 +174,7 @@ def _mounts(texts: Sequence[str], scenario: Any, tolerance: Any) -> list[Any]:  
     from camnet.experiments.design_mounts import BRACKET_M, outline_mounts, wall_mounts
     from camnet.experiments.site_ways import places_of
     from camnet.geometry.regions import build_region
+    from camnet.importers.geojson_mounts import read_geojson_mounts
     from camnet.importers.mounts import read_mounts
 
     solids = [build_region(o.name, o.shape) for o in scenario.occluders]
@@ -185,6 +187,8 @@ def _mounts(texts: Sequence[str], scenario: Any, tolerance: Any) -> list[Any]:  
             found += wall_mounts(solids, *_two_lengths(text, rest), bracket_m)
         elif colon and rule == "outline":
             found += outline_mounts(places_of(scenario), solids, *_two_lengths(text, rest))
+        elif text.lower().endswith((".geojson", ".json")):
+            found += read_geojson_mounts(Path(text), origin)
         else:
             found += read_mounts(text)
     names = [m.name for m in found]

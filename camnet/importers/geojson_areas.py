@@ -17,7 +17,7 @@ from camnet.importers._reading import open_binary
 from camnet.importers.geodesy import Origin, enu_from_geodetic
 from camnet.types import Array
 
-__all__ = ["NamedArea", "read_areas"]
+__all__ = ["NamedArea", "check_degrees", "read_areas", "read_geojson"]
 
 _POLYGONS = ("Polygon", "MultiPolygon")
 
@@ -44,7 +44,7 @@ def read_areas(path: Path, origin: Origin | None) -> tuple[NamedArea, ...]:
         The file is no GeoJSON, holds no polygon, or a polygon crosses itself or lies elsewhere on Earth.
     """
     found: list[NamedArea] = []
-    for name, geometry in _geometries(_content(path), str(path)):
+    for name, geometry in _geometries(read_geojson(path), str(path)):
         words = name or f"area {len(found) + 1}"
         found.append(NamedArea(words, _polygon(geometry, f"{path}, {words!r}", origin)))
     if not found:
@@ -55,7 +55,14 @@ def read_areas(path: Path, origin: Origin | None) -> tuple[NamedArea, ...]:
     return tuple(found)
 
 
-def _content(path: Path) -> dict[str, Any]:
+def read_geojson(path: Path) -> dict[str, Any]:
+    """Return a GeoJSON object.
+
+    Raises
+    ------
+    DataError
+        The file is no JSON object with a ``type``.
+    """
     with open_binary(path) as stream:
         data = stream.read()
     try:
@@ -105,7 +112,7 @@ def _polygon(geometry: dict[str, Any], where: str, origin: Origin | None) -> sha
     if len(corners) == 0 or not np.isfinite(corners).all():
         raise DataError(f"{where}: has no corners, or corners that are not finite")
     if origin is not None:
-        _check_degrees(corners, where, origin)
+        check_degrees(corners, where, origin)
         area = shapely.transform(area, lambda lon_lat: _metres(lon_lat, origin))
     if not area.is_valid or not area.area > 0.0:
         raise DataError(
@@ -119,7 +126,8 @@ def _metres(lon_lat: Array, origin: Origin) -> Array:
     return enu_from_geodetic(lon_lat[:, 1], lon_lat[:, 0], altitude, origin)[:, :2]
 
 
-def _check_degrees(corners: Array, where: str, origin: Origin) -> None:
+def check_degrees(corners: Array, where: str, origin: Origin) -> None:
+    """Refuse longitudes and latitudes (n, 2) that are more than a degree from the origin."""
     away = np.abs(corners - (origin.longitude_deg, origin.latitude_deg)).max(axis=0)
     if away.max() > 1.0:
         k = int(np.abs(corners - (origin.longitude_deg, origin.latitude_deg)).max(axis=1).argmax())

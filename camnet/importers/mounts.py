@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +11,12 @@ from camnet.importers._reading import known_columns, number, quoted
 from camnet.importers._table import table_rows
 from camnet.importers.sumo_checks import FARTHEST_M
 
-__all__ = ["Mount", "read_mounts"]
+__all__ = ["OPTIONAL_FIELDS", "Mount", "mount_of", "read_mounts"]
 
 _NEEDED = ("name", "x", "y", "z")
-_COLUMNS = (*_NEEDED, "pan_min", "pan_max", "tilt_min", "tilt_max", "cost")
+#: what may be said of a mount besides its name and place
+OPTIONAL_FIELDS = ("pan_min", "pan_max", "tilt_min", "tilt_max", "cost")
+_COLUMNS = (*_NEEDED, *OPTIONAL_FIELDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +68,7 @@ def read_mounts(path: str | Path) -> tuple[Mount, ...]:
             raise DataError(
                 f"{where}: {len(row)} fields {quoted(','.join(row))}; the header has {len(names)}"
             )
-        mount = _mount(dict(zip(names, row, strict=True)), where)
+        mount = mount_of(dict(zip(names, row, strict=True)), where)
         if not mount.name or mount.name in found:
             raise DataError(f"{where}: name is {mount.name!r}; a name that no other row has was expected")
         found[mount.name] = mount
@@ -74,7 +77,15 @@ def read_mounts(path: str | Path) -> tuple[Mount, ...]:
     return tuple(found.values())
 
 
-def _mount(row: dict[str, str], where: str) -> Mount:
+def mount_of(row: Mapping[str, str], where: str) -> Mount:
+    """Return the mount of one row of text fields.
+
+    Raises
+    ------
+    DataError
+        A value is not a number in its range; ``where`` says where it stands.
+    """
+
     def value(field: str, default: float | None = None) -> float:
         text = row.get(field, "").strip()
         return default if default is not None and not text else number(text, where, field)
