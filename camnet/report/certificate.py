@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +34,10 @@ _LEGEND = {
     "unsatisfiable": "cannot be certified",
     "seen": "ways",
 }
-_VIEW, _SOLID = "#0072b2", "#6b6b6b"
+_VIEW, _SOLID, _CAMERA = "#0072b2", "#6b6b6b", "#7b3294"
+#: length of the arrow of a camera that looks level, m
+_ARROW_M = 3.0
+_ARROW = {"arrowstyle": "->", "color": _CAMERA, "linewidth": 1.4}
 #: pages list at most this many transitions; the JSON file has all of them
 _MOST_ROWS = 500
 _WIDTH_PX = 900.0
@@ -58,7 +62,7 @@ def write_certificate(
     """Write map and page of a report into ``folder``; ``views`` and ``solids`` are names and outlines (K, 2), m."""
     _write_map(folder / "map.png", report, views, lines, solids)
     title = str(report["network"].get("name", "certificate"))
-    body = [*page_head(report, title), _svg(views, lines, solids)]
+    body = [*page_head(report, title), _svg(views, lines, solids, report.get("cameras") or ())]
     if report["transitions"]:
         rows = table(*certificate_table(report["transitions"][:_MOST_ROWS]))
         body += ["<h2>From view to view</h2>", rows]
@@ -111,13 +115,14 @@ def _write_map(
             axes.add_collection(
                 LineCollection(chosen, colors=colour, linewidths=width, zorder=2 if verdict == "seen" else 3)
             )
+        for x, y, along_x, along_y in _aims(report.get("cameras") or ()):
+            axes.plot([x], [y], marker="o", markersize=5, color=_CAMERA, zorder=5)
+            axes.annotate("", (x + along_x, y + along_y), (x, y), arrowprops=_ARROW, zorder=5)
         axes.autoscale_view()
         axes.set_aspect("equal")
         axes.set(xlabel="x (m)", ylabel="y (m)")
         axes.legend(
-            handles=[
-                Line2D([], [], color=c, linewidth=2, label=_LEGEND[v]) for v, c in VERDICT_COLOURS.items()
-            ],
+            handles=_legend(report, lines),
             loc="upper left",
             bbox_to_anchor=(1.01, 1.0),
         )
@@ -129,11 +134,39 @@ def _write_map(
         save(figure, path)
 
 
+def _legend(report: dict[str, Any], lines: Sequence[MapLine]) -> list[Line2D]:
+    """Return what is on the map, and nothing else."""
+    drawn = {line.verdict for line in lines}
+    handles = [
+        Line2D([], [], color=c, linewidth=2, label=_LEGEND[v])
+        for v, c in VERDICT_COLOURS.items()
+        if v in drawn
+    ]
+    if report.get("cameras"):
+        handles.append(Line2D([], [], color=_CAMERA, marker="o", linewidth=1, label="cameras"))
+    return handles
+
+
+def _aims(cameras: Sequence[dict[str, Any]]) -> list[tuple[float, float, float, float]]:
+    """Return place x, y and a level arrow along the optical axis, m; the arrow of one that looks down is short."""
+    out = []
+    for camera in cameras:
+        pan, tilt = math.radians(camera["pan_deg"]), math.radians(camera["tilt_deg"])
+        length = _ARROW_M * math.cos(tilt)
+        out.append((camera["x_m"], camera["y_m"], length * math.cos(pan), length * math.sin(pan)))
+    return out
+
+
 def _svg(
-    views: Sequence[tuple[str, Array]], lines: Sequence[MapLine], solids: Sequence[tuple[str, Array]]
+    views: Sequence[tuple[str, Array]],
+    lines: Sequence[MapLine],
+    solids: Sequence[tuple[str, Array]],
+    cameras: Sequence[dict[str, Any]] = (),
 ) -> str:
     """Return the map as an inline picture whose parts carry their words."""
     shapes = [outline for _, outline in (*views, *solids)] + [line.points for line in lines]
+    aims = _aims(cameras)
+    shapes += [np.array([[x, y], [x + dx, y + dy]]) for x, y, dx, dy in aims]
     if not shapes:
         return "<p>Nothing to draw.</p>"
     points = np.concatenate(shapes)
@@ -159,6 +192,13 @@ def _svg(
         f'stroke-width="{2 if line.verdict == "seen" else 4}"><title>{shown(line.words)}</title></polyline>'
         for line in order
     ]
+    for (x, y, dx, dy), camera in zip(aims, cameras, strict=True):
+        (at,) = place(np.array([[x, y]])).split()
+        parts.append(
+            f'<polyline points="{place(np.array([[x, y], [x + dx, y + dy]]))}" stroke="{_CAMERA}" stroke-width="2"/>'
+            f'<circle cx="{at.split(",")[0]}" cy="{at.split(",")[1]}" r="5" fill="{_CAMERA}">'
+            f"<title>{shown(camera['name'])}</title></circle>"
+        )
     w, h = ((high - low) * scale + 20.0).tolist()
     parts.append(_scale_and_north(scale, w, h))
     h += 40.0

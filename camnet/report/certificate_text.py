@@ -10,8 +10,9 @@ from camnet.report.markup import shown
 __all__ = ["page_head", "page_tail"]
 
 _MAP = (
-    "<h2>Map</h2><p>Blue: what cameras or agents can see of the ground; grey: occluders; pale lines: the ways. Of "
-    "these, green is out of view for no longer than allowed, red for longer. Hold the pointer over a line or a view "
+    "<h2>Map</h2><p>Blue: what cameras or agents can see of the ground; grey: occluders; pale lines: the ways; purple: "
+    "cameras and where they look. Of the ways, "
+    "green is out of view for no longer than allowed, red for longer. Hold the pointer over a line or a view "
     "for its details. North is up where y points north; lengths are in metres.</p>"
 )
 _THEOREMS = (

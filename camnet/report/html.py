@@ -17,12 +17,13 @@ __all__ = ["picture", "table", "write_page", "write_report"]
 
 #: a video larger than this stays beside the page instead of inside it
 _EMBED_LIMIT_BYTES = 12_000_000
+_WORDS = ' class="words"'
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2rem auto;padding:0 1rem;color:#222}
 h1{font-size:1.5rem;margin-bottom:.2rem}h2{font-size:1.1rem;margin-top:2rem;border-bottom:1px solid #ddd}
 table{border-collapse:collapse;margin:.6rem 0}
 td,th{padding:.25rem .8rem;border-bottom:1px solid #e5e5e5;text-align:right}
-td:first-child,th:first-child,td.words{text-align:left}th{font-weight:600;background:#f6f5f1}img,video{max-width:100%}
+td:first-child,th:first-child,.words{text-align:left}th{font-weight:600;background:#f6f5f1}img,video{max-width:100%}
 .figures{display:flex;gap:1.2rem;flex-wrap:wrap}.figures div{background:#f6f5f1;padding:.6rem 1rem;border-radius:.4rem}
 .figures b{display:block;font-size:1.3rem}.warn{background:#fdecea;padding:.6rem 1rem;border-radius:.4rem}
 .wide{overflow-x:auto}td small{display:block;color:#777;white-space:nowrap}
@@ -32,7 +33,13 @@ pre{background:#f6f5f1;padding:1rem;overflow-x:auto;font-size:12px}
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped, and stand in small letters from their first line break on."""
-    line = "<tr>" + "".join(f"<th>{shown(h)}</th>" for h in head) + "</tr>"
+    rows = list(rows)
+    words = {k for row in rows for k, c in enumerate(row) if _class(c)}
+    line = (
+        "<tr>"
+        + "".join(f"<th{_WORDS if k in words else ''}>{shown(h)}</th>" for k, h in enumerate(head))
+        + "</tr>"
+    )
     body = "".join(
         "<tr>" + "".join(f"<td{_class(c)}>{_lines(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
     )
@@ -46,9 +53,7 @@ def _lines(text: str) -> str:
 
 def _class(value: object) -> str:
     """Sentences stand at the left of their column, figures at the right."""
-    return (
-        ' class="words"' if isinstance(value, str) and len(value.split()) > 2 and value[0].isalpha() else ""
-    )
+    return _WORDS if isinstance(value, str) and len(value.split()) > 2 and value[0].isalpha() else ""
 
 
 def _cell(value: object) -> str:
