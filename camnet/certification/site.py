@@ -117,18 +117,19 @@ def certify_open_site(
 
 
 def road_segments_with_verdict(
-    roads: RoadArcs, gaps: RoadGaps, table: TransitionTable
+    roads: RoadArcs, gaps: RoadGaps, table: TransitionTable, kept: bool
 ) -> dict[str, list[Array]]:
     """Return straight pieces (2, 2) of road by what a map shows: ``seen``, ``certified``, ``uncertified``.
 
     An unseen piece is certified when every transition that starts at the last view before it on its arc is; pieces of
-    arcs that are unseen from their start are certified when all transitions of the network are.
+    arcs that are unseen from their start are certified when the promise of the whole network is ``kept``, ways into the
+    first view and never-seen ones included, and all its transitions are certified.
     """
     seen = gaps.stretches
     bad = np.zeros(len(seen.arc), dtype=bool)
     bad[gaps.exit_stretch[~table.certified]] = True
     bad[gaps.exits[gaps.cyclic | gaps.cut]] = True
-    everything = not bad.any()
+    everything = kept and not bad.any()
     out: dict[str, list[Array]] = {"seen": [], "certified": [], "uncertified": []}
     ptr = np.searchsorted(seen.arc, np.arange(roads.n_arcs + 1))
     for arc in range(roads.n_arcs):

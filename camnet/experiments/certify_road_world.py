@@ -144,7 +144,9 @@ def certify_on_roads(
             blind=blind_of(network, case.watched),
         )
     outlines = [ring for g in case.ground for ring in g.rings]
-    pieces = road_segments_with_verdict(case.watched.ways.roads, gaps, tables["unseen"])
+    pieces = road_segments_with_verdict(
+        case.watched.ways.roads, gaps, tables["unseen"], promise.verdict == "certified"
+    )
     lines = apply_refusals(report, road_lines(pieces), promise)
     return Certified(with_claims(report, promise), outlines, lines, promise)
 

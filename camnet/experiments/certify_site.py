@@ -205,7 +205,8 @@ def certify_road_cameras(
         report["check"] = check_traffic(
             read_traffic(traffic), views, site.roads, target, off_max_m, off_max_s
         )
-    pieces = road_segments_with_verdict(site.roads, gaps, tables["unseen"])
+    promised = report["promise"]["verdict"] == "certified"  # type: ignore[index]
+    pieces = road_segments_with_verdict(site.roads, gaps, tables["unseen"], promised)
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [ring for g in ground for ring in g.rings]
     return Certified(report, outlines, road_lines(pieces))

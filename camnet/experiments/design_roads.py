@@ -249,5 +249,6 @@ def _check(
     )
     ground = ground_views(views, names, height_m, target.extent_m)
     outlines = [ring for g in ground for ring in g.rings]
-    lines = road_lines(road_segments_with_verdict(site.roads, gaps, tables["unseen"]))
+    kept = report["promise"]["verdict"] == "certified"  # type: ignore[index]
+    lines = road_lines(road_segments_with_verdict(site.roads, gaps, tables["unseen"], kept))
     return Certified(report, outlines, lines)

@@ -108,7 +108,15 @@ def _write_map(
         for name, outline in views:
             axes.add_patch(Polygon(outline, facecolor=_VIEW, alpha=0.12, edgecolor=_VIEW, zorder=1))
             if len(views) <= 40:
-                axes.annotate(name, tuple(outline.mean(axis=0)), color=_VIEW, fontsize=7, ha="center")
+                axes.annotate(
+                    name,
+                    tuple(outline.mean(axis=0)),
+                    color=_VIEW,
+                    fontsize=7,
+                    ha="center",
+                    clip_on=True,
+                    annotation_clip=True,
+                )
         for verdict, colour in VERDICT_COLOURS.items():
             chosen = [line.points for line in lines if line.verdict == verdict]
             width = 1.2 if verdict == "seen" else 2.2
@@ -118,7 +126,13 @@ def _write_map(
         for x, y, along_x, along_y in _aims(report.get("cameras") or ()):
             axes.plot([x], [y], marker="o", markersize=5, color=_CAMERA, zorder=5)
             axes.annotate("", (x + along_x, y + along_y), (x, y), arrowprops=_ARROW, zorder=5)
-        axes.autoscale_view()
+        aims = [np.array([[x, y], [x + dx, y + dy]]) for x, y, dx, dy in _aims(report.get("cameras") or ())]
+        site = [line.points for line in lines] + [outline for _, outline in solids]
+        shapes = [*site, *(outline for _, outline in views), *aims]
+        if shapes:
+            low, high = _frame(shapes, site)
+            edge = 0.04 * max(float((high - low).max()), 1e-6)
+            axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(low[1] - edge, high[1] + edge))
         axes.set_aspect("equal")
         axes.set(xlabel="x (m)", ylabel="y (m)")
         axes.legend(
@@ -169,8 +183,7 @@ def _svg(
     shapes += [np.array([[x, y], [x + dx, y + dy]]) for x, y, dx, dy in aims]
     if not shapes:
         return "<p>Nothing to draw.</p>"
-    points = np.concatenate(shapes)
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = _frame(shapes, [line.points for line in lines] + [outline for _, outline in solids])
     scale = _WIDTH_PX / max(float((high - low).max()), 1e-6)
 
     def place(outline: Array) -> str:
@@ -204,6 +217,16 @@ def _svg(
     h += 40.0
     style = "max-width:100%;height:auto;background:#fff;border:1px solid #ddd"
     return f'<svg viewBox="0 0 {w:.0f} {h:.0f}" width="{w:.0f}" style="{style}">{"".join(parts)}</svg>'
+
+
+def _frame(shapes: Sequence[Array], site: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the lower and upper corner of the map: the site, and what is nearer to it than its own size."""
+    points = np.concatenate(list(site) or list(shapes))
+    size = float(np.ptp(points, axis=0).max())
+    least, most = points.min(axis=0) - size, points.max(axis=0) + size
+    near = [s for s in shapes if (s.max(axis=0) >= least).all() and (s.min(axis=0) <= most).all()]
+    points = np.concatenate(near)
+    return np.maximum(points.min(axis=0), least), np.minimum(points.max(axis=0), most)
 
 
 def _scale_and_north(scale: float, width: float, height: float) -> str:

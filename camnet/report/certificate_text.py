@@ -13,7 +13,8 @@ _MAP = (
     "<h2>Map</h2><p>Blue: what cameras or agents can see of the ground; grey: occluders; pale lines: the ways; purple: "
     "cameras and where they look. Of the ways, "
     "green is out of view for no longer than allowed, red for longer. Hold the pointer over a line or a view "
-    "for its details. North is up where y points north; lengths are in metres.</p>"
+    "for its details. Views "
+    "farther from the site than its own size are left out. North is up where y points north; lengths are in metres.</p>"
 )
 _THEOREMS = (
     "<p>The published conditions ask a ball that grows at twice the target's top speed to fit a view before it is "

@@ -88,11 +88,13 @@ def test_road_site_and_its_map():
     )
     assert report["claims"]["unseen"]["verdict"] == report["unseen"]["verdict"] == "certified"
     assert report["promise"]["unseen_max_s"] <= 25.0
-    parts = road_segments_with_verdict(roads, gaps, tables["unseen"])
+    parts = road_segments_with_verdict(roads, gaps, tables["unseen"], kept=True)
     total = {k: sum(np.linalg.norm(np.diff(x, axis=0)) for x in v) for k, v in parts.items()}
     assert sum(total.values()) == pytest.approx(roads.length_m.sum())
     assert total["seen"] == pytest.approx((gaps.stretches.end_m - gaps.stretches.start_m).sum())
     assert total["uncertified"] == 0
+    broken = road_segments_with_verdict(roads, gaps, tables["unseen"], kept=False)
+    assert len(broken["uncertified"]) == len(parts["certified"]) - len(broken["certified"])
     fewer = Views(*(x[:6] for x in (views.normals, views.offsets, views.bounds_xy, views.position)))
     report, gaps, tables = certify_road_site(
         roads, fewer, names[:6], target, height_m=0.5, off_max_s=25.0, on_min_s=0.5
