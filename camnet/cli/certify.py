@@ -8,10 +8,11 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import non_negative
+from camnet.cli.camera_arguments import add_camera_files, add_cameras, surveyed_cameras
 from camnet.cli.certify_options import refuse_unused
 from camnet.cli.certify_print import print_certificate
 from camnet.cli.common import add_common, positive, say, warn
-from camnet.cli.inputs import image_size, learned_model, read_tracks, world_of
+from camnet.cli.inputs import learned_model, read_tracks, world_of
 from camnet.cli.output import output_folder, print_json, write_json
 from camnet.cli.target_arguments import add_pixel_class, add_target_class
 from camnet.cli.traffic import kept, print_check
@@ -33,7 +34,7 @@ estimate   the estimate of a target survives that, by three certificates:
 Three kinds of input:
   camnet certify quickstart                              a world: fixed or mobile cameras
   camnet certify mobile_certified --learn                the same, with the motion learned first
-  camnet certify --cameras DIR_OF_KRTD                   surveyed cameras, targets that go anywhere
+  camnet certify --cameras DIR_OF_KRTD                   surveyed cameras (KRTD, OpenCV, ...), targets that go anywhere
   camnet certify --cameras DIR_OF_KRTD --tracks people.csv
   camnet certify --roads NET.xml --cameras CAMERAS.csv   cameras over a city's roads (CSV name,x,y or SUMO detectors)
 
@@ -73,9 +74,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     model.add_argument("--learn", action="store_true", help="learn the motion in simulation first")
     model.add_argument("--model", metavar="FILE", type=Path, help="a model that an earlier --learn saved")
     site = parser.add_argument_group("cameras that stand already")
-    site.add_argument(
-        "--cameras", metavar="PATH", type=Path, help="folder of *.krtd; with --roads a .csv or .add.xml"
-    )
+    add_cameras(site)
     site.add_argument("--roads", metavar="NET", type=Path, help="SUMO network of the roads")
     site.add_argument(
         "--tracks", metavar="CSV", type=Path, help="recorded people, checked against the reachable sets"
@@ -87,7 +86,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         help="bound of a recorded fix's error, m (default: calibrated by the earliest quarter of the fixes)",
     )
     site.add_argument("--origin", metavar="LAT,LON,ALT", help="local frame of the tracks, degrees and m")
-    site.add_argument("--image", metavar="WxH", help="size of the cameras' images, px (default: 1920x1080)")
+    add_camera_files(site)
     site.add_argument(
         "--range", type=positive, metavar="M", help="cap of the cameras' range, m (default: 80)"
     )
@@ -256,9 +255,8 @@ def _open_site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     target = FreeTargetClass(args.v_max or 2.0, args.extent or 0.3)
     e0 = args.initial_error or 3.0
     certified, views, names, _ = certify_cameras(
-        args.cameras,
+        surveyed_cameras(args),
         target,
-        image_px=image_size(args.image or "1920x1080"),
         range_m=args.range or 80.0,
         pixel_class=args.pixel_class,
         e0_m=e0,

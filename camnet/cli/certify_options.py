@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from camnet.cli.camera_arguments import CAMERA_OPTIONS
+
 __all__ = ["check_learning", "refuse_two_ranges", "refuse_unused"]
 
 #: options by the inputs that use them; elsewhere they are refused by name
@@ -17,7 +19,7 @@ _USED_BY = {
     "tracks": ("site",),
     "fix_error": ("site",),
     "origin": ("site",),
-    "image": ("site",),
+    **dict.fromkeys(CAMERA_OPTIONS, ("site",)),
     "range": ("site",),
     "pixel_class": ("world", "site"),
     "footprint": ("roads",),

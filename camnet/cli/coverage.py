@@ -8,9 +8,10 @@ from typing import Any
 
 from camnet import __version__
 from camnet.cli.arguments import non_negative, numbers
+from camnet.cli.camera_arguments import CAMERA_OPTIONS, add_camera_files, add_cameras, surveyed_cameras
 from camnet.cli.certify_options import refuse_two_ranges
 from camnet.cli.common import add_common, add_set, positive, say, warn
-from camnet.cli.inputs import image_size, world_of
+from camnet.cli.inputs import world_of
 from camnet.cli.output import output_folder, print_json, write_json
 from camnet.cli.target_arguments import add_pixel_class
 
@@ -22,7 +23,7 @@ recognise 125, identify 250). What no camera sees is listed and drawn.
 
   camnet coverage stationary_certified                      the fixed cameras of a world
   camnet coverage stationary_certified --class recognise    only what they see well enough to recognise
-  camnet coverage --cameras DIR_OF_KRTD                     surveyed cameras (camera models *.krtd)
+  camnet coverage --cameras DIR_OF_KRTD                     surveyed cameras (KRTD, OpenCV, ROS, Kalibr, KITTI, COLMAP)
   camnet coverage --roads NET.xml --cameras CAMERAS.csv     cameras over a city's roads (CSV name,x,y or SUMO detectors)
   camnet coverage --cameras DIR_OF_KRTD --area AREAS.geojson --origin 39.05,-85.53,205
 
@@ -34,7 +35,7 @@ Exit status: 0 counted, 2 bad input."""
 _USED_BY = {
     "overrides": ("world",),
     "seed": ("world",),
-    "image": ("site",),
+    **dict.fromkeys(CAMERA_OPTIONS, ("site",)),
     "range": ("site",),
     "footprint": ("roads",),
 }
@@ -54,11 +55,9 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     add_set(parser)
     site = parser.add_argument_group("cameras that stand already")
-    site.add_argument(
-        "--cameras", metavar="PATH", type=Path, help="folder of *.krtd; with --roads a .csv or .add.xml"
-    )
+    add_cameras(site)
     site.add_argument("--roads", metavar="NET", type=Path, help="SUMO network of the roads")
-    site.add_argument("--image", metavar="WxH", help="size of the cameras' images, px (default: 1920x1080)")
+    add_camera_files(site)
     site.add_argument(
         "--range", type=positive, metavar="M", help="cap of the cameras' range, m (default: 80)"
     )
@@ -136,7 +135,7 @@ def _refuse_unused(args: argparse.Namespace) -> None:
     for name, kinds in _USED_BY.items():
         value = getattr(args, name)
         if value not in (None, []) and kind not in kinds:
-            option = "--set" if name == "overrides" else "--" + name
+            option = "--set" if name == "overrides" else "--" + name.replace("_", "-")
             given = value[0] if isinstance(value, list) else value
             where = " and ".join(_INPUTS[k] for k in kinds)
             raise ConfigError(f"{option} {given}: applies to {where}, not to {_INPUTS[kind]}; leave it out")
@@ -173,8 +172,8 @@ def _site(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         return coverage_site.world_site(world_of(args))
     if args.roads is not None:
         return coverage_site.road_camera_site(args.roads, args.cameras, args.footprint or 30.0)
-    size = image_size(args.image or "1920x1080")
-    return coverage_site.camera_folder_site(args.cameras, size, args.range or 80.0, args.pixel_class)
+    name = args.cameras.resolve().name
+    return coverage_site.surveyed_site(name, surveyed_cameras(args), args.range or 80.0, args.pixel_class)
 
 
 def _write(output: Any, covered: Any, content: dict[str, Any], origin: Any) -> None:  # noqa: ANN401

@@ -11,7 +11,8 @@ from pydantic import Field
 from camnet.config.diagnose import Problem, raise_problems, show
 from camnet.config.yaml_nodes import Node
 from camnet.estimation.crossing.settings import CrossingSettings
-from camnet.importers.krtd import KrtdCamera, read_krtd
+from camnet.importers.cameras import CameraOptions, read_cameras
+from camnet.importers.surveyed_camera import SurveyedCamera
 from camnet.importers.tracks import Origin, TrackOptions, read_tracks
 from camnet.motion.track import Track
 from camnet.settings import Finite, Positive, Seed, Settings
@@ -28,15 +29,18 @@ class GeodeticOrigin(Settings):
 
 
 class CameraFiles(Settings):
-    """Surveyed cameras: KRTD files matching ``glob`` in the data folder; a file's stem names its camera.
+    """Surveyed cameras: files matching ``glob`` in the data folder, in any format of ``camnet.importers.cameras``.
 
-    KRTD files hold no image size and no range, so they are given here. ``range_cap_m`` is how far away a target
-    can still be recognised.
+    Some formats (KRTD, KITTI) hold no image size, so it is given here, and none holds a range: ``range_cap_m`` is how
+    far away a target can still be recognised. ``unit`` is that of the files' lengths; ``poses`` is a file in the data
+    folder with poses for formats without.
     """
 
     glob: str = "cameras/*.krtd"
     width_px: Annotated[int, Field(gt=0, le=20_000)] = 1920
     height_px: Annotated[int, Field(gt=0, le=20_000)] = 1080
+    unit: Literal["m", "cm", "mm"] | None = None
+    poses: Path | None = None
     near_m: Positive = 0.5
     range_cap_m: Positive = 80.0
 
@@ -74,10 +78,12 @@ class RecordedScenario(Settings):
         """Return the camera files of the recording, sorted."""
         return tuple(sorted(self.data.glob(self.cameras.glob)))
 
-    def read_cameras(self) -> tuple[KrtdCamera, ...]:
+    def read_cameras(self) -> tuple[SurveyedCamera, ...]:
         """Read all cameras; DataError names the file and line of what is wrong."""
-        size = self.cameras.width_px, self.cameras.height_px
-        return tuple(read_krtd(path, *size) for path in self.camera_files())
+        given = self.cameras
+        poses = None if given.poses is None else self.data / given.poses
+        size = given.width_px, given.height_px
+        return read_cameras(self.camera_files(), CameraOptions(None, size, given.unit, poses))
 
     def read_tracks(self) -> tuple[Track, ...]:
         """Read all tracks, one for each visit; DataError names the file and line of what is wrong."""

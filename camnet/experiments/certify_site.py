@@ -30,8 +30,8 @@ from camnet.geometry.frustum import Frustum
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.pixel_density import class_range_m
 from camnet.geometry.settings import CameraModel, Intrinsics
-from camnet.importers.krtd import KrtdCamera, read_krtd_folder
 from camnet.importers.sumo_detectors import Sensor, read_detectors, read_sensor_table
+from camnet.importers.surveyed_camera import SurveyedCamera
 
 __all__ = [
     "certify_cameras",
@@ -94,10 +94,9 @@ def _monotone(intrinsics: Intrinsics) -> bool:
 
 
 def certify_cameras(
-    folder: Path,
+    cameras: Sequence[SurveyedCamera],
     target: FreeTargetClass,
     *,
-    image_px: tuple[int, int],
     range_m: float,
     height_m: float = 0.0,
     e0_m: float = 3.0,
@@ -110,7 +109,6 @@ def certify_cameras(
 
     A ``pixel_class`` (EN 62676-4:2015) says how far each camera sees, in place of ``range_m``.
     """
-    cameras: Sequence[KrtdCamera] = read_krtd_folder(folder, *image_px)
     frusta, warnings = [], []
     for camera in cameras:
         reach = range_m if pixel_class is None else class_range_m(camera.intrinsics, pixel_class)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,11 +21,11 @@ from camnet.experiments.road_site import read_road_site
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.pixel_density import class_range_m, focal_px
 from camnet.geometry.rotations import to_matrix
-from camnet.importers.krtd import read_krtd_folder
+from camnet.importers.surveyed_camera import SurveyedCamera
 from camnet.simulation.network import build_network
 from camnet.types import Array, BoolArray
 
-__all__ = ["CoverageSite", "RoadPart", "camera_folder_site", "road_camera_site", "world_site"]
+__all__ = ["CoverageSite", "RoadPart", "road_camera_site", "surveyed_site", "world_site"]
 
 #: cameras nearer than this (m) to their place are not asked about it, in surveyed sites
 _NEAR_M = 1.0
@@ -129,14 +130,13 @@ def _line(points: Array, closed: bool) -> Array:
     return np.concatenate([points, points[:1]]) if closed else points
 
 
-def camera_folder_site(
-    folder: Path, image_px: tuple[int, int], range_m: float, pixel_class: str | None = None
+def surveyed_site(
+    name: str, cameras: Sequence[SurveyedCamera], range_m: float, pixel_class: str | None = None
 ) -> CoverageSite:
-    """Return surveyed cameras (``*.krtd``); a class of pixels per metre ends their views in place of ``range_m``.
+    """Return surveyed cameras; a class of pixels per metre ends their views in place of ``range_m``.
 
     The whole image counts, also outside the rectangle that a certificate takes of a distorting lens.
     """
-    cameras = read_krtd_folder(folder, *image_px)
     frusta, more, warnings = [], [], []
     for camera in cameras:
         reach = range_m if pixel_class is None else class_range_m(camera.intrinsics, pixel_class)
@@ -158,7 +158,7 @@ def camera_folder_site(
         np.array([focal_px(camera.intrinsics) for camera in cameras]),
     )
     axes = np.array([to_matrix(camera.q_world)[:, 2] for camera in cameras])
-    return CoverageSite(folder.resolve().name, watch, axes, margin_m=50.0, warnings=warnings)
+    return CoverageSite(name, watch, axes, margin_m=50.0, warnings=warnings)
 
 
 def road_camera_site(network: Path, cameras: Path, footprint_m: float) -> CoverageSite:

@@ -36,7 +36,7 @@ from camnet.experiments.recorded_replay import Fixes, Progress, Record, collect,
 from camnet.experiments.recorded_summary import Row, summarise
 from camnet.geometry.pinhole import Pinhole
 from camnet.importers.geodesy import Origin
-from camnet.importers.krtd import KrtdCamera
+from camnet.importers.surveyed_camera import SurveyedCamera
 from camnet.motion.track import Track
 from camnet.types import Array, BoolArray, IntArray
 
@@ -90,7 +90,7 @@ class RecordedResult:
 
 
 def camera_views(
-    cameras: Sequence[KrtdCamera], height_m: float, range_cap_m: float, near_m: float = 0.5
+    cameras: Sequence[SurveyedCamera], height_m: float, range_cap_m: float, near_m: float = 0.5
 ) -> CameraViews:
     """Build the views of surveyed cameras over a horizontal plane at ``height_m``."""
     return CameraViews(
@@ -104,7 +104,7 @@ def camera_views(
 
 
 def run_recorded(
-    cameras: Sequence[KrtdCamera],
+    cameras: Sequence[SurveyedCamera],
     tracks: Sequence[Track],
     settings: CrossingSettings | None = None,
     range_cap_m: float = 80.0,
@@ -246,7 +246,7 @@ def _recording(fixes: Fixes, record: Record, cameras: int) -> dict[str, Any]:
 
 
 def _map(
-    cameras: Sequence[KrtdCamera],
+    cameras: Sequence[SurveyedCamera],
     footprints: Sequence[Polygon | MultiPolygon],
     fixes: Fixes,
     record: Record,

@@ -14,7 +14,8 @@ from camnet.experiments.recorded_summary import Row, summarise
 from camnet.geometry import rotations
 from camnet.geometry.settings import Intrinsics
 from camnet.importers.geodesy import Origin
-from camnet.importers.krtd import KrtdCamera, read_krtd_folder
+from camnet.importers.krtd import read_krtd_folder
+from camnet.importers.surveyed_camera import SurveyedCamera
 from camnet.importers.tracks import TrackOptions, read_tracks
 from camnet.motion.track import Track
 
@@ -24,7 +25,7 @@ def down(name, x, y, half=10.0):
     focal = 20.0 / half * 500.0
     intrinsics = Intrinsics(width_px=1000, height_px=1000, fx_px=focal, fy_px=focal, cx_px=500.0, cy_px=500.0)
     q = rotations.from_matrix(np.diag([1.0, -1.0, -1.0]))
-    return KrtdCamera(name, intrinsics, np.array([x, y, 20.0]), q)
+    return SurveyedCamera(name, intrinsics, np.array([x, y, 20.0]), q)
 
 
 CAMERAS = (down("west", 0.0, 0.0), down("east", 60.0, 0.0), down("north", 0.0, 60.0))

@@ -14,6 +14,7 @@ from camnet.experiments.certify_site import (
 from camnet.experiments.recorded_people import check_recorded
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.settings import CameraModel, Intrinsics
+from camnet.importers.krtd import read_krtd_folder
 from camnet.motion.track import Track
 
 
@@ -34,7 +35,7 @@ def test_surveyed_cameras_against_recorded_people(shared_data):
 
     target = FreeTargetClass(2.0, 0.3)
     done, views, names, warnings = certify_cameras(
-        shared_data / "meva" / "cameras", target, image_px=(1920, 1080), range_m=80.0
+        read_krtd_folder(shared_data / "meva" / "cameras", 1920, 1080), target, range_m=80.0
     )
     assert len(done.report["transitions"]) == 14 * 13
     assert [w[:4] for w in warnings] == ["G638"]
