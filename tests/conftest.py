@@ -6,6 +6,7 @@ import importlib.util
 import os
 import re
 import shutil
+import signal
 import subprocess
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -15,6 +16,11 @@ from hypothesis import settings
 
 settings.register_profile("camnet", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("camnet")
+
+# started in the background (nohup, a shell without job control) the tests would ignore Ctrl-C, and so would every
+# program that they start; several of them send it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
 

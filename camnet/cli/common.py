@@ -13,10 +13,12 @@ from tqdm import tqdm
 from camnet.cli.arguments import MAX_SEED, positive, seed, seeds
 from camnet.cli.messages import LEVELS, say, warn
 from camnet.errors import ConfigError
+from camnet.processes.place import LOCAL, Place, read_place
 
 __all__ = [
     "add_common",
     "add_messages",
+    "add_place",
     "add_scenario",
     "add_seeds",
     "add_set",
@@ -46,6 +48,25 @@ def add_common(parser: argparse.ArgumentParser, out: str = "nothing is written")
         help="replace --out, or start it anew, where it holds only what camnet wrote",
     )
     add_messages(group)
+
+
+def add_place(parser: argparse._ActionsContainer) -> None:
+    """Add ``--on``: where the work is done."""
+    parser.add_argument(
+        "--on",
+        type=_place,
+        default=LOCAL,
+        metavar="WHERE",
+        help="who does the work: local (processes, the default), ray (a Ray cluster of this machine), or ray:ADDRESS "
+        "(one that runs already); results are the same",
+    )
+
+
+def _place(text: str) -> Place:
+    try:
+        return read_place(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix("--on ")) from None
 
 
 def add_messages(parser: argparse._ActionsContainer) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from camnet.cli.arguments import whole
-from camnet.cli.common import add_common, add_set, positive, progress_bar, say
+from camnet.cli.common import add_common, add_place, add_set, positive, progress_bar, say
 from camnet.cli.output import print_json, resumed_folder, write_json
 
 __all__ = ["add_parser"]
@@ -69,6 +69,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         help="physics (default auto: the batch back end where it has everything that is asked for)",
     )
     parser.add_argument("--jobs", type=whole(1, 256), default=2, metavar="N", help="processes (default 2)")
+    add_place(parser)
     parser.add_argument(
         "--cutoff", type=positive, default=2.0, metavar="M", help="cutoff of OSPA and GOSPA, m (default 2)"
     )
@@ -122,7 +123,7 @@ def _plan(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         next(m for m in matches if m.world == world).environment().close()
     start = 1000 * ((args.seed or 0) + 1)
     seeds = tuple(range(start, start + args.episodes))
-    return Plan(tuple(matches), seeds, reference, args.back_end, args.jobs, args.seed or 0)
+    return Plan(tuple(matches), seeds, reference, args.back_end, args.jobs, args.seed or 0, args.on)
 
 
 def _names(text: str, option: str) -> list[str]:

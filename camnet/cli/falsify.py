@@ -9,7 +9,7 @@ from typing import Any
 from camnet import __version__
 from camnet.cli.arguments import whole
 from camnet.cli.certify_options import check_learning
-from camnet.cli.common import add_common, positive, progress_bar, say
+from camnet.cli.common import add_common, add_place, positive, progress_bar, say
 from camnet.cli.falsify_closed import EPILOG, add_closed_loop, refuse_closed_options, run_closed
 from camnet.cli.inputs import learned_model, world_of
 from camnet.cli.output import output_folder, print_json, write_json
@@ -60,6 +60,10 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "--model-error", type=positive, metavar="MPS", help="stated velocity error of the model, m/s"
     )
+    parser.add_argument(
+        "--jobs", type=whole(1, 1024), metavar="J", help="processes (default 1); figures do not change"
+    )
+    add_place(parser)
     add_closed_loop(parser)
     add_common(parser)
     parser.set_defaults(run=run)
@@ -78,8 +82,11 @@ def run(args: argparse.Namespace) -> int:
     scenario = world_of(args)
     with output_folder(args, "falsify") as output:
         model = learned_model(args, scenario)
-        with progress_bar(1.0, "attacking", "", args.quiet) as advance:
-            result = falsify_world(scenario, trials, scenario.seed, model, args.model_error, advance)
+        with (
+            progress_bar(1.0, "attacking", "", args.quiet) as advance,
+            args.on.workers(args.jobs or 1) as crew,
+        ):
+            result = falsify_world(scenario, trials, scenario.seed, model, args.model_error, advance, crew)
         content = {"world": scenario.name, **result, "version": __version__}
         if output is not None:
             write_json(output.path / "result.json", content)

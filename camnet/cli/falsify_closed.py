@@ -12,6 +12,7 @@ from camnet.cli.arguments import non_negative, positive, whole
 from camnet.cli.common import progress_bar, say
 from camnet.cli.inputs import learned_model, world_of
 from camnet.cli.output import output_folder, print_json, write_json
+from camnet.processes.place import LOCAL
 
 __all__ = ["EPILOG", "add_closed_loop", "refuse_closed_options", "run_closed"]
 
@@ -42,7 +43,7 @@ seed of noise and gusts. The judge is the truth alone: which target was in some 
 With --out: result.json and attack.json, the worst attack."""
 
 #: options that only the closed loop uses
-_OWN = ("promise", "time_limit", "jobs", "violate", "replay", "targets", "stop_s", "keep_going")
+_OWN = ("promise", "time_limit", "violate", "replay", "targets", "stop_s", "keep_going")
 
 
 def _violation(text: str) -> tuple[str, float]:
@@ -64,12 +65,6 @@ def add_closed_loop(parser: argparse.ArgumentParser) -> None:
         "--promise", metavar="FILE", type=Path, help="certificate.json or a promise of one's own to attack"
     )
     group.add_argument("--time-limit", type=positive, metavar="S", help="stop searching after this long, s")
-    group.add_argument(
-        "--jobs",
-        type=whole(1, 1024),
-        metavar="J",
-        help="processes that fly (default 1); figures do not change",
-    )
     group.add_argument(
         "--targets",
         type=whole(1, 1000),
@@ -134,9 +129,10 @@ def _refuse_unused(args: argparse.Namespace) -> None:
             "learn",
             "model",
             "jobs",
+            "on",
         )
         for name in (*used, "trials", "model_error", "duration", "overrides", "seed"):
-            if getattr(args, name) not in (None, False, []):
+            if getattr(args, name) not in (None, False, [], LOCAL):
                 option = "set" if name == "overrides" else name.replace("_", "-")
                 raise ConfigError(f"--{option}: the attack of --replay is fixed already; leave it out")
     if args.promise is not None:
@@ -167,6 +163,7 @@ def _attack(args: argparse.Namespace) -> dict[str, Any]:
             trials,
             scenario.seed,
             jobs=args.jobs or 1,
+            place=args.on,
             time_limit_s=args.time_limit,
             stop_when_broken=not args.keep_going,
             progress=lambda f: advance(f.flown, "" if f.outcome is None else f"worst {f.outcome.share:.3f}"),

@@ -10,7 +10,16 @@ from typing import Any
 from camnet import __version__
 from camnet.cache_folder import cache_folder
 from camnet.cli.arguments import whole
-from camnet.cli.common import add_common, add_scenario, add_seeds, overrides, progress_bar, say, warn
+from camnet.cli.common import (
+    add_common,
+    add_place,
+    add_scenario,
+    add_seeds,
+    overrides,
+    progress_bar,
+    say,
+    warn,
+)
 from camnet.cli.output import Output, output_folder, print_json
 
 __all__ = ["add_parser"]
@@ -39,6 +48,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     add_common(parser, "runs/NAME-seedN, or a number after it if that is taken; with --seeds runs/NAME-seeds")
     add_seeds(parser, "run many seeds; a second call goes on where the first stopped")
     parser.add_argument("--jobs", type=whole(1, 256), metavar="N", help="processes for --seeds (default: 2)")
+    add_place(parser)
     parser.add_argument(
         "--model", metavar="FILE", help="start from learned models that --save-model wrote (run.model)"
     )
@@ -65,6 +75,8 @@ def run(args: argparse.Namespace) -> int:
         return _many(args, scenario)
     if args.jobs is not None:
         raise ConfigError(f"--jobs {args.jobs}: one run is one process; add --seeds for many")
+    if args.on.ray:
+        raise ConfigError("--on ray: one run is done on this machine; add --seeds for many")
     if isinstance(scenario, Scenario):
         return _network(args, scenario)
     from camnet.cli.simulate_recorded import run_and_write

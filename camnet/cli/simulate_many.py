@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,16 @@ from camnet.cli.common import named_seeds, progress_bar, say, warn
 from camnet.cli.output import print_json, resumed_folder, write_json
 from camnet.config.models import Scenario
 from camnet.errors import DataError
-from camnet.processes import Workers
 from camnet.report import REPORT_FILES
+from camnet.simulation.log import RunLog
 from camnet.simulation.run_files import read_run, write_run
 from camnet.storage.marker import MARKER
 from camnet.storage.partial import replaced_folder
 
 __all__ = ["run_and_write"]
+
+#: summary, handoffs and log of a run
+_Done = tuple[dict[str, Any], list[dict[str, Any]], RunLog]
 
 _RUN = ("summary.json", "handoffs.json", "log.parquet", MARKER, *REPORT_FILES)
 _FILES = ("summary.json", *(f"seed-*/{name}" for name in _RUN))
@@ -48,13 +52,18 @@ def _run_missing(
     wanted = [s for s in seeds if not _finished(folder, scenario, s)]
     if len(wanted) < len(seeds):
         say(f"{len(seeds) - len(wanted)} of {len(seeds)} seeds are there already and are kept")
-    if wanted:
+    if wanted and not args.on.ray:
         _compile(scenario)
     with progress_bar(len(seeds), "seeds", "seeds", args.quiet) as advance:
         advance(len(seeds) - len(wanted))
-        with Workers(args.jobs or 2) as workers:
-            for k, _ in enumerate(workers.finished(partial(_one, scenario, folder), wanted), start=1):
-                advance(len(seeds) - len(wanted) + k)
+        work: Callable[[int], _Done | None] = (
+            partial(_one, scenario, folder) if args.on.shares_files else partial(_run, scenario)
+        )
+        with args.on.workers(args.jobs or 2) as workers:
+            for done, (k, result) in enumerate(workers.finished(work, wanted), start=1):
+                if result is not None:
+                    _write(scenario, folder, wanted[k], result)
+                advance(len(seeds) - len(wanted) + done)
     summaries = {s: read_run(folder / f"seed-{s}").content["summary"] for s in seeds}
     return {
         "aggregate": _aggregate(list(summaries.values())),
@@ -74,15 +83,26 @@ def _compile(scenario: Scenario) -> None:
 
 def _one(scenario: Scenario, folder: Path, seed: int) -> None:
     """Run one seed in a worker and write its folder (no pictures)."""
+    _write(scenario, folder, seed, _run(scenario, seed))
+
+
+def _run(scenario: Scenario, seed: int) -> _Done:
+    """Run one seed."""
     from camnet.simulation.run import run_network
 
     result = run_network(scenario, seed)
     if result.interrupted:  # in the main process, with one job
         raise KeyboardInterrupt
+    return result.summary, result.handoffs, result.log
+
+
+def _write(scenario: Scenario, folder: Path, seed: int, result: _Done) -> None:
+    """Write the folder of a seed; on a cluster the machine that gave the command does."""
+    summary, handoffs, log = result
     with replaced_folder(folder / f"seed-{seed}", "simulate") as temporary:
         config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
-        content = {"summary": result.summary, "seed": seed, "version": __version__, "config": config}
-        write_run(temporary, content, result.handoffs, result.log)
+        content = {"summary": summary, "seed": seed, "version": __version__, "config": config}
+        write_run(temporary, content, handoffs, log)
 
 
 def _finished(folder: Path, scenario: Scenario, seed: int) -> bool:

@@ -229,8 +229,12 @@ def _scalar(node: yaml.ScalarNode, origin: Origin, path: FieldPath) -> bool | in
             raise ConfigError(
                 f"{origin}: {field_text(path)}: value {text!r}: a number does not begin with 0 (octal or decimal?)"
             )
+        if kind == "int" and text[:2] in ("0x", "0o"):
+            raise ConfigError(
+                f"{origin}: {field_text(path)}: value {text!r}: is hexadecimal or octal; give it in decimal"
+            )
         if kind == "int":
-            return int(text, 0) if text[:2].lower() in ("0x", "0o") else int(text)
+            return int(text)
         number = float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         if math.isfinite(number):
             return number

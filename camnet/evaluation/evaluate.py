@@ -22,7 +22,7 @@ from camnet.evaluation.play import Match, play
 from camnet.evaluation.play_batch import can_play_together, play_together
 from camnet.evaluation.scores import METRICS, Score
 from camnet.evaluation.statistics import compare, interval
-from camnet.processes import Workers
+from camnet.processes.place import LOCAL, Place
 from camnet.types import Array
 
 __all__ = ["Plan", "evaluate", "returns_of"]
@@ -43,6 +43,7 @@ class Plan:
     back_end : ``pybullet``, ``batch``, or ``auto``: the batch for every match that it can play, else PyBullet
     jobs : processes
     seed : of the bootstrap
+    place : where episodes are played
     """
 
     matches: tuple[Match, ...]
@@ -51,6 +52,7 @@ class Plan:
     back_end: str = "auto"
     jobs: int = 2
     seed: int = 0
+    place: Place = LOCAL
 
     def settled(self) -> dict[Match, str]:
         """Return the back end of every match."""
@@ -103,7 +105,7 @@ def _scores(
     finished = total - sum(len(task.seeds) for task in tasks)
     if progress is not None:
         progress(finished / total)
-    with closing(_played(plan.jobs, tasks)) as played:  # an error here ends the workers, too
+    with closing(_played(plan, tasks)) as played:  # an error here ends the workers, too
         for task, found in played:
             fresh = dict(zip(task.seeds, found, strict=True))
             kept[task.match] |= fresh
@@ -123,11 +125,11 @@ class _Task:
     seeds: tuple[int, ...]
 
 
-def _played(jobs: int, tasks: Sequence[_Task]) -> Generator[tuple[_Task, list[Score]], None, None]:
+def _played(plan: Plan, tasks: Sequence[_Task]) -> Generator[tuple[_Task, list[Score]], None, None]:
     """Yield finished tasks, in any order; results do not depend on it, every episode has a seed of its own."""
-    if jobs > 1 and len(tasks) > 1:
+    if plan.place == LOCAL and plan.jobs > 1 and len(tasks) > 1:
         _compile(tasks)
-    with Workers(jobs) as workers:
+    with plan.place.workers(plan.jobs) as workers:
         for k, scores in workers.finished(_play, tasks):
             yield tasks[k], scores
 

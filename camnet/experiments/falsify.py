@@ -28,6 +28,7 @@ from camnet.experiments.falsify_road import RoadCase, attack_roads
 from camnet.experiments.learned_model import LearnedModel
 from camnet.experiments.target_groups import Models, TargetGroup, target_groups
 from camnet.motion.road import RoadMotion
+from camnet.processes.place import Crew
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array
@@ -44,8 +45,9 @@ def falsify_world(
     model: Models = None,
     model_error_mps: float | None = None,
     progress: Progress | None = None,
+    crew: Crew | None = None,
 ) -> dict[str, Any]:
-    """Attack the certificates of a world with ``trials`` hostile targets each.
+    """Attack the certificates of a world with ``trials`` hostile targets each; ``crew`` shares the work.
 
     Returns
     -------
@@ -59,7 +61,7 @@ def falsify_world(
     results = {}
     for k, group in enumerate(groups):
         share = trials // len(groups) + (k < trials % len(groups))
-        results[group.name] = _attack_class(scenario, group, share, rng, model_error_mps, progress)
+        results[group.name] = _attack_class(scenario, group, share, rng, model_error_mps, progress, crew)
     return next(iter(results.values())) if len(groups) == 1 else _joined(results)
 
 
@@ -70,6 +72,7 @@ def _attack_class(
     rng: np.random.Generator,
     model_error_mps: float | None,
     progress: Progress | None,
+    crew: Crew | None,
 ) -> dict[str, Any]:
     network = build_network(group.scenario)
     everybody = build_network(scenario).description.targets
@@ -77,7 +80,7 @@ def _attack_class(
     motions = [motion for motion in moving if isinstance(motion, RoadMotion)]
     if motions:
         roads = _road_case(network, motions, model_error_mps)
-        unseen, learned = attack_roads(roads, trials, rng, progress)
+        unseen, learned = attack_roads(roads, trials, rng, progress, crew)
         known = learned if model_error_mps is not None and learned.trials > 0 else None
         return _result(trials, {"unseen": unseen, "sound": None, "learned": known}, {})
     if group.model is None:
@@ -86,7 +89,7 @@ def _attack_class(
             "--learn or --model FILE"
         )
     case = flow_case(network, group.model, model_error_mps)
-    learned = attack_flow(case, trials, rng, progress)
+    learned = attack_flow(case, trials, rng, progress, crew)
     parts = {"sound": _attack_dwell(network, trials, rng), "learned": learned}
     extra = {"exits": learned.by_exit, "estimator": check_gaps(case, group.model)}
     return _result(trials, parts, extra)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,10 @@ from camnet.certification.growth import PlanarField, Tube, error_tube
 from camnet.certification.reachable import TubeReach
 from camnet.compiled import cached_njit
 from camnet.experiments.certify_flow import FlowCase
+from camnet.processes.place import Crew, in_order
 from camnet.types import Array, BoolArray
 
-__all__ = ["Attack", "attack_flow", "search", "velocities"]
+__all__ = ["Attack", "attack_flow", "search", "shares", "velocities"]
 
 #: share of the trials by kind: the rest is optimised
 _RANDOM, _BANG = 0.4, 0.4
@@ -62,6 +64,14 @@ class Attack:
     lost: int = 0
     by_exit: list[dict[str, object]] = field(default_factory=list)
 
+    def add(self, other: Attack) -> None:
+        """Count the trials of another attack in."""
+        self.trials += other.trials
+        self.violations += other.violations
+        self.closest = max(self.closest, other.closest)
+        self.lost += other.lost
+        self.by_exit += other.by_exit
+
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
@@ -77,18 +87,27 @@ class _Scene:
 
 
 def attack_flow(
-    case: FlowCase, trials: int, rng: np.random.Generator, progress: Callable[[float], None] | None = None
+    case: FlowCase,
+    trials: int,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] | None = None,
+    crew: Crew | None = None,
 ) -> Attack:
-    """Attack every exit of the learned flow with an equal share of the trials."""
+    """Attack every exit of the learned flow with an equal share of the trials.
+
+    Each exit has a generator of its own, so figures do not depend on who attacks it (``crew``; None: this process).
+    """
     exits = flow_exits(case.fields, case.ground, case.start, case.duration_s)
+    tasks = list(zip(exits, shares(trials, len(exits)), rng.spawn(len(exits)), strict=True)) if exits else []
     attack = Attack()
-    for k, leave in enumerate(exits):
-        scene = _scene(case, leave)
-        share = trials // len(exits) + (k < trials % len(exits))
-        _attack_exit(scene, share, rng, attack)
-        if progress is not None:
-            progress((k + 1) / len(exits))
+    for part in in_order(crew, partial(_attack_exit, case), tasks, progress):
+        attack.add(part)
     return attack
+
+
+def shares(trials: int, parts: int) -> list[int]:
+    """Divide ``trials`` into ``parts`` as equal as can be."""
+    return [trials // parts + (k < trials % parts) for k in range(parts)]
 
 
 def _scene(case: FlowCase, leave: FlowExit) -> _Scene:
@@ -120,9 +139,9 @@ def _scene(case: FlowCase, leave: FlowExit) -> _Scene:
     return _Scene(case, chosen, leave, tube, claim, max(steps, look), look)
 
 
-def _attack_exit(scene: _Scene, trials: int, rng: np.random.Generator, attack: Attack) -> None:
-    before = attack.violations, attack.lost
-    closest = 0.0
+def _attack_exit(case: FlowCase, task: tuple[FlowExit, int, np.random.Generator]) -> Attack:
+    leave, trials, rng = task
+    scene, attack, closest = _scene(case, leave), Attack(), 0.0
     n_random, n_bang = round(_RANDOM * trials), round(_BANG * trials)
     plans = rng.uniform(0.0, 2.0 * math.pi, (n_random, _ANGLES + 1))
     closest = max(closest, _judge(scene, plans, False, attack))
@@ -131,19 +150,20 @@ def _attack_exit(scene: _Scene, trials: int, rng: np.random.Generator, attack: A
     left = trials - n_random - n_bang
     if left > 0:
         closest = max(closest, _optimise(scene, left, rng, attack))
-    attack.closest = max(attack.closest, closest)
+    attack.closest = closest
     attack.by_exit.append(
         {
             "from": scene.case.ground[scene.leave.view].name,
             "verdict": scene.claim.verdict,
             "trials": trials,
-            "violations": attack.violations - before[0],
-            "lost": attack.lost - before[1],
+            "violations": attack.violations,
+            "lost": attack.lost,
             "closest_fraction": closest,
             "bound_m": float(scene.tube.radius_m[scene.look]),
             "at_s": float(scene.tube.t_s[scene.look]),
         }
     )
+    return attack
 
 
 def _optimise(scene: _Scene, trials: int, rng: np.random.Generator, attack: Attack) -> float:

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.road_gaps import RoadGaps
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
-from camnet.experiments.falsify_flow import Attack, search
+from camnet.experiments.falsify_flow import Attack, search, shares
+from camnet.processes.place import Crew, in_order
 from camnet.types import Array
 
 __all__ = ["RoadCase", "attack_roads"]
@@ -48,18 +50,24 @@ class _Claims:
 
 
 def attack_roads(
-    case: RoadCase, trials: int, rng: np.random.Generator, progress: Callable[[float], None] | None = None
+    case: RoadCase,
+    trials: int,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] | None = None,
+    crew: Crew | None = None,
 ) -> tuple[Attack, Attack]:
-    """Attack every exit that is certain to be seen again; return what ``unseen`` and ``learned`` suffered."""
+    """Attack every exit that is certain to be seen again; return what ``unseen`` and ``learned`` suffered.
+
+    Each exit has a generator of its own, so figures do not depend on who attacks it (``crew``; None: this process).
+    """
     claims = _claims(case)
     open_ended = set(case.gaps.exits[case.gaps.cyclic | case.gaps.cut].tolist())
     exits = sorted(set(claims.longest) - open_ended)
     unseen, learned = Attack(), Attack()
-    for k, leave in enumerate(exits):
-        share = trials // len(exits) + (k < trials % len(exits))
-        _attack_exit(case, claims, leave, share, rng, unseen, learned)
-        if progress is not None:
-            progress((k + 1) / len(exits))
+    tasks = list(zip(exits, shares(trials, len(exits)), rng.spawn(len(exits)), strict=True)) if exits else []
+    for part_unseen, part_learned in in_order(crew, partial(_attack_exit, case, claims), tasks, progress):
+        unseen.add(part_unseen)
+        learned.add(part_learned)
     return unseen, learned
 
 
@@ -84,14 +92,10 @@ def _claims(case: RoadCase) -> _Claims:
 
 
 def _attack_exit(
-    case: RoadCase,
-    claims: _Claims,
-    leave: int,
-    trials: int,
-    rng: np.random.Generator,
-    unseen: Attack,
-    learned: Attack,
-) -> None:
+    case: RoadCase, claims: _Claims, task: tuple[int, int, np.random.Generator]
+) -> tuple[Attack, Attack]:
+    leave, trials, rng = task
+    unseen, learned = Attack(), Attack()
     n_random, n_bang = round(_RANDOM * trials), round(_BANG * trials)
     for k in range(n_random + n_bang):
         plan = rng.random(_TURNS + _SPEEDS)
@@ -102,7 +106,7 @@ def _attack_exit(
         _drive(case, claims, leave, plan, unseen, learned)
     left = trials - n_random - n_bang
     if left <= 0:
-        return
+        return unseen, learned
     spent = 0
 
     def cost(plans: Array) -> Array:
@@ -114,6 +118,7 @@ def _attack_exit(
         return out
 
     search(cost, _TURNS + _SPEEDS, 1.0, left, rng)
+    return unseen, learned
 
 
 def _drive(

@@ -21,12 +21,14 @@ from camnet.experiments.closed_loop.flight_batch import can_fly_together, fly_to
 from camnet.experiments.closed_loop.judge import Outcome, judge
 from camnet.experiments.closed_loop.plan import Plan, PlanSpace
 from camnet.experiments.closed_loop.search import ONE_BY_ONE, TOGETHER, Found, search_plans
-from camnet.processes import Workers
+from camnet.processes.place import LOCAL, Place, in_order
 from camnet.simulation.network import Network, build_network
 
 __all__ = ["Attack", "falsify_closed_loop", "prepare", "read_attack", "replay"]
 
 _KIND = "camnet closed-loop attack"
+#: flights that one worker of a cluster flies together
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +138,7 @@ def falsify_closed_loop(
     seed: int,
     *,
     jobs: int = 1,
+    place: Place = LOCAL,
     time_limit_s: float | None = None,
     stop_when_broken: bool = True,
     progress: Callable[[Found], None] | None = None,
@@ -156,10 +159,15 @@ def falsify_closed_loop(
     together = back_end(attack) == "batch"
 
     def flights(plans: Sequence[Plan]) -> list[Outcome | None]:
-        if together:
+        if together and place == LOCAL:
             return list(_fly_together(content, attack.claims, attack.estimator, plans, jobs))
+        if together:
+            fly_some = partial(_fly_together, content, attack.claims, attack.estimator, threads=1)
+            some = [plans[k : k + _AT_ONCE] for k in range(0, len(plans), _AT_ONCE)]
+            with place.workers(jobs) as workers:
+                return [outcome for part in in_order(workers, fly_some, some, None) for outcome in part]
         out: list[Outcome | None] = [None] * len(plans)
-        with Workers(jobs) as workers:
+        with place.workers(jobs) as workers:
             for k, outcome in workers.finished(one, plans):
                 out[k] = outcome
                 if ends is not None and monotonic() >= ends:
