@@ -68,7 +68,7 @@ def test_after_it_nothing_is_compiled(tmp_path: Path) -> None:
         )
         for _ in range(2)
     ]
-    assert contents[0]["cache"] == str(cache)
+    assert contents[0]["folder"] == str(cache)
     assert contents[0]["compiled"] > 100
     assert contents[1]["compiled"] == 0
     for words in (
