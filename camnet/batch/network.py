@@ -12,6 +12,7 @@ import numpy as np
 
 from camnet.batch.motion import Targets, pack_targets
 from camnet.certification.planar_shapes import convex_solids
+from camnet.certification.sight_lines import Solids
 from camnet.control.quadrotor_kernel import pack_model
 from camnet.control.references import RegionBounds
 from camnet.control.sliding_mode_kernel import SWITCHING_CODE
@@ -57,7 +58,7 @@ class Model(NamedTuple):
     sizes : (M, 3) boxes of the targets, m
     body : radius and height of an agent's cylinder, m
     occlusion : whether anything can come between
-    solid_planes, solid_ends : (K, 4) outward normals and limits of the occluders' convex parts, and where each ends
+    solid_normals, solid_limits, solid_ptr : (K, 3), (K,), (S + 1,) as in `camnet.geometry.solid_lines`, of occluders
     noise : standard deviations of position and orientation, m, rad; drop-out probability
     sense_dt_s, grace_s, replan_s, rollout_dt_s, lookahead_s : times, s
     steps : count of instants in a rollout
@@ -107,8 +108,9 @@ class Model(NamedTuple):
     sizes: Array
     body: Array
     occlusion: bool
-    solid_planes: Array
-    solid_ends: IntArray
+    solid_normals: Array
+    solid_limits: Array
+    solid_ptr: IntArray
     noise: Array
     sense_dt_s: float
     grace_s: float
@@ -200,14 +202,6 @@ def _surfaces(regions: tuple[Region, ...]) -> tuple[Array, IntArray]:
     return np.ascontiguousarray(np.concatenate(blocks)), ends
 
 
-def _solids(network: Network) -> tuple[Array, IntArray]:
-    """Return the occluders' convex parts as half-spaces."""
-    parts = [part for occluder in network.occluders for part in convex_solids(occluder)]
-    ends = np.cumsum([0, *(len(limits) for _, limits in parts)]).astype(np.int64)
-    rows = [np.column_stack([normals, limits]) for normals, limits in parts]
-    return np.concatenate([np.zeros((0, 4)), *rows]), ends
-
-
 def _circle(angle: Array) -> Array:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
@@ -230,7 +224,7 @@ def pack_network(network: Network, shown: Shown) -> Model:
     start_p = start_p - rotate(from_yaw(yaw).reshape(n, 4), np.broadcast_to(offset, (n, 3)))
     planes, plane_ends, discs = _planes(network.regions)
     triangles, triangle_ends = _surfaces(network.regions)
-    solid_planes, solid_ends = _solids(network)
+    solids = Solids.of([part for occluder in network.occluders for part in convex_solids(occluder)])
     frusta = Frustum.stack([Frustum.from_camera(camera) for camera in network.cameras])
     bounds = np.stack([region.bounds for region in network.regions])
     centers, halves = bounds.mean(axis=1), np.ptp(bounds, axis=1) / 2
@@ -294,8 +288,9 @@ def pack_network(network: Network, shown: Shown) -> Model:
         sizes=np.array([t.size_m for t in d.targets], dtype=float).reshape(-1, 3),
         body=np.array([physics.quadrotor.arm_m, physics.quadrotor.height_m]),
         occlusion=network.can_occlude,
-        solid_planes=solid_planes,
-        solid_ends=solid_ends,
+        solid_normals=solids.normals,
+        solid_limits=solids.limits,
+        solid_ptr=solids.ptr,
         noise=np.array(
             [s.sensing.position_noise_m, s.sensing.orientation_noise_rad, s.sensing.dropout_probability]
         ),

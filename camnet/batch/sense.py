@@ -1,8 +1,9 @@
 """What cameras see and measure, on the truth: regions, views, sight lines, noise.
 
 The rules are those of `camnet.sensing.visibility` and `camnet.sensing.pose_sensor`; numbers are drawn in their order,
-so the noise of one seed is the same. Sight lines are blocked by agents (cylinders) and targets (boxes), analytically;
-the agent around the camera and the target that a point belongs to do not block (`camnet.world.pybullet.sight`).
+so the noise of one seed is the same. Sight lines are blocked by agents (cylinders), targets (boxes) and occluders'
+convex parts, analytically; the agent around the camera and the target that a point belongs to do not block
+(`camnet.world.pybullet.sight`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from camnet.batch.reference import clearance
 from camnet.batch.state import State
 from camnet.batch.triples import turn
 from camnet.geometry.polytope import signed_distance
+from camnet.geometry.solid_lines import passes_through
 from camnet.geometry.triples import Quaternion, Triple, multiply, rotate, rotate_inverse
 from camnet.types import Array
 
@@ -25,8 +27,6 @@ __all__ = ["contains", "distance_to", "sense"]
 
 #: features lie on surfaces: a sight line ends this much before its point, m
 _SHORT_OF_POINT_M = 2e-3
-#: a line that is inside an occluder for less than this share of its length touches it
-_TOUCH = 1e-9
 
 
 @inner
@@ -134,28 +134,6 @@ def _meets_agent(model: Model, state: State, e: int, n: int, a: Triple, d: Tripl
 
 
 @inner
-def _meets_solid(model: Model, a: Triple, d: Triple) -> bool:
-    """Whether the line a + s d, 0 < s < 1, passes through an occluder; one that is only touched does not count."""
-    planes = model.solid_planes
-    for i in range(model.solid_ends.shape[0] - 1):
-        near, far = 0.0, 1.0
-        for k in range(model.solid_ends[i], model.solid_ends[i + 1]):
-            spare = planes[k, 3] - (planes[k, 0] * a[0] + planes[k, 1] * a[1] + planes[k, 2] * a[2])
-            rate = planes[k, 0] * d[0] + planes[k, 1] * d[1] + planes[k, 2] * d[2]
-            if rate > 1e-15:
-                far = min(far, spare / rate)
-            elif rate < -1e-15:
-                near = max(near, spare / rate)
-            elif spare <= 0.0:
-                far = -1.0
-            if far - near <= _TOUCH:
-                break
-        if far - near > _TOUCH:
-            return True
-    return False
-
-
-@inner
 def _clear(model: Model, state: State, e: int, c: int, m: int, point: Triple) -> bool:
     """Whether nothing blocks the line from camera ``c`` to a point of target ``m``."""
     cam, n_agents = state.cameras, state.bodies.shape[1]
@@ -167,7 +145,7 @@ def _clear(model: Model, state: State, e: int, c: int, m: int, point: Triple) ->
     for n in range(n_agents):
         if n != c and _meets_agent(model, state, e, n, o, d):
             return False
-    clear = not _meets_solid(model, o, d)
+    clear = not passes_through(o, d, model.solid_normals, model.solid_limits, model.solid_ptr)
     for k in range(state.target.shape[1]):
         clear = clear and (k == m or not _meets_box(model, state, e, k, o, d))
     return clear

@@ -21,12 +21,10 @@ import numpy as np
 
 from camnet.certification.coverage import Views
 from camnet.compiled import cached_njit
+from camnet.geometry.solid_lines import passes_through
 from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["Solids", "seen_by", "seen_pairs", "sight_blocked"]
-
-#: a line of sight that is inside a solid for less than this share of its length touches it
-_TOUCH = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,24 +89,8 @@ def sight_blocked(eyes: Array, points: Array, solids: Solids) -> BoolArray:
 @cached_njit
 def _blocked(e: Array, p: Array, normals: Array, limits: Array, ptr: IntArray) -> bool:
     """Whether some solid holds an inner part of the line from e to p."""
-    for i in range(len(ptr) - 1):
-        low, high = 0.0, 1.0
-        for k in range(ptr[i], ptr[i + 1]):
-            spare = limits[k] - (normals[k, 0] * e[0] + normals[k, 1] * e[1] + normals[k, 2] * e[2])
-            rate = (
-                normals[k, 0] * (p[0] - e[0]) + normals[k, 1] * (p[1] - e[1]) + normals[k, 2] * (p[2] - e[2])
-            )
-            if rate > 1e-15:
-                high = min(high, spare / rate)
-            elif rate < -1e-15:
-                low = max(low, spare / rate)
-            elif spare <= 0.0:  # along a face, or outside it
-                high = -1.0
-            if high - low <= _TOUCH:
-                break
-        if high - low > _TOUCH:
-            return True
-    return False
+    way = (p[0] - e[0], p[1] - e[1], p[2] - e[2])
+    return bool(passes_through((e[0], e[1], e[2]), way, normals, limits, ptr))
 
 
 @cached_njit

@@ -23,6 +23,7 @@ WINDY = ["physics.wind.mean_mps=[0.6,0,0]", "physics.wind.gust_std_mps=0.2"]
         ("loop_8", [], 12),
         ("patrol", [], 60),
         ("stationary_certified", [], 30),
+        ("courtyard", [], 30),
     ],
 )
 def test_flights_are_those_of_the_engine(world, settings, seconds):
