@@ -169,7 +169,7 @@ def certify_flow(
     reason = f"{sum(good)} of {len(good)} exits of the learned flow are certified"
     return {
         "network": {"cameras": len(ground), "regions": sum(a is not None for a in agents or ())},
-        "target_class": f"vector field, at most {target.v_max_mps:g} m/s, model error {target.model_error_mps:g} m/s",
+        "target_class": f"vector field, at most {target.v_max_mps:g} m/s, model error {target.model_error_mps:.3g} m/s",
         "certificates": {"learned": {"verdict": whole, "reason": reason}},
         "transitions": transitions,
         "uncertified": [

@@ -246,6 +246,7 @@ def _write(
 ) -> None:
     from camnet.config.load import dump_scenario
     from camnet.report.certificate import write_certificate
+    from camnet.report.design import design_section
     from camnet.report.geojson import feature_collection
 
     write_json(output.path / "design.json", content)
@@ -264,38 +265,47 @@ def _write(
         say("no cameras.geojson: its longitudes and latitudes need --origin, where the world's frame sits")
     output.results_stand()
     made = designed.certified
-    write_certificate(output.path, made.report, made.views, made.lines, made.solids)
+    section = design_section(_words(content), content["cameras"])
+    write_certificate(output.path, made.report, made.views, made.lines, made.solids, section)
+
+
+def _words(content: dict[str, Any]) -> list[str]:
+    """Return what was found, a sentence each."""
+    standing = len(content["standing"])
+    also = f" besides {standing} that stand" if standing else ""
+    words = [
+        f"{content['count']} cameras{also}, price {content['price']:g}, of {content['candidates']} candidates at "
+        f"{content['mounts']} mounts"
+    ]
+    if not content["count"]:
+        words.append("the cameras that stand are enough: nothing has to be added")
+    words.append(
+        f"lower bound {content['lower_bound']:g} ({content['minimised']}), gap {content['gap']:.1%}, "
+        f"{content['seconds']:.1f} s"
+    )
+    if content["after_failures"] is not None:
+        worst = content["after_failures"]
+        words.append(
+            f"after any {content['survive']} fail: at most {worst['unseen_max_m']:.1f} m, "
+            f"{worst['unseen_max_s']:.1f} s out of view (without {', '.join(worst['failed'])})"
+        )
+    if content["with_installation_error"] is not None:
+        held = content["with_installation_error"]
+        words.append(
+            f"installed up to {held['position_m']:g} m and {held['angle_deg']:g} degrees off: at most "
+            f"{held['unseen_max_m']:.1f} m, {held['unseen_max_s']:.1f} s out of view"
+        )
+    return [*words, "certified anew from the world as written"]
 
 
 def _print(content: dict[str, Any]) -> None:
     print(content["promise"]["sentence"])
-    standing = len(content["standing"])
-    also = f" besides {standing} that stand" if standing else ""
-    print(
-        f"{content['count']} cameras{also}, price {content['price']:g}, of {content['candidates']} candidates at "
-        f"{content['mounts']} mounts"
-    )
-    if not content["count"]:
-        print("  the cameras that stand are enough: nothing has to be added")
-    print(
-        f"  lower bound {content['lower_bound']:g} ({content['minimised']}), gap {content['gap']:.1%}, "
-        f"{content['seconds']:.1f} s"
-    )
+    first, *more = _words(content)
+    print(first)
     for c in content["cameras"]:
         print(
             f"  {c['name']:24s} {c['camera']:16s} at ({c['x']:.1f}, {c['y']:.1f}, {c['z']:.1f}) m, "
             f"pan {c['pan_deg']:.0f}, tilt {c['tilt_deg']:.0f} degrees, price {c['price']:g}"
         )
-    if content["after_failures"] is not None:
-        worst = content["after_failures"]
-        print(
-            f"  after any {content['survive']} fail: at most {worst['unseen_max_m']:.1f} m, "
-            f"{worst['unseen_max_s']:.1f} s out of view (without {', '.join(worst['failed'])})"
-        )
-    if content["with_installation_error"] is not None:
-        held = content["with_installation_error"]
-        print(
-            f"  installed up to {held['position_m']:g} m and {held['angle_deg']:g} degrees off: at most "
-            f"{held['unseen_max_m']:.1f} m, {held['unseen_max_s']:.1f} s out of view"
-        )
-    print("  certified anew from the world as written")
+    for sentence in more:
+        print(f"  {sentence}")

@@ -52,7 +52,7 @@ def _run_missing(
     wanted = [s for s in seeds if not _finished(folder, scenario, s)]
     if len(wanted) < len(seeds):
         say(f"{len(seeds) - len(wanted)} of {len(seeds)} seeds are there already and are kept")
-    if wanted and not args.on.ray:
+    if wanted and args.on.shares_files:
         _compile(scenario)
     with progress_bar(len(seeds), "seeds", "seeds", args.quiet) as advance:
         advance(len(seeds) - len(wanted))

@@ -127,7 +127,7 @@ class _Task:
 
 def _played(plan: Plan, tasks: Sequence[_Task]) -> Generator[tuple[_Task, list[Score]], None, None]:
     """Yield finished tasks, in any order; results do not depend on it, every episode has a seed of its own."""
-    if plan.place == LOCAL and plan.jobs > 1 and len(tasks) > 1:
+    if plan.place.shares_files and plan.jobs > 1 and len(tasks) > 1:
         _compile(tasks)
     with plan.place.workers(plan.jobs) as workers:
         for k, scores in workers.finished(_play, tasks):

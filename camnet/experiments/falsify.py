@@ -28,7 +28,7 @@ from camnet.experiments.falsify_road import RoadCase, attack_roads
 from camnet.experiments.learned_model import LearnedModel
 from camnet.experiments.target_groups import Models, TargetGroup, target_groups
 from camnet.motion.road import RoadMotion
-from camnet.processes.place import Crew
+from camnet.processes.crew import Crew
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array

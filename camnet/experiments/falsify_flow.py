@@ -28,7 +28,8 @@ from camnet.certification.growth import PlanarField, Tube, error_tube
 from camnet.certification.reachable import TubeReach
 from camnet.compiled import cached_njit
 from camnet.experiments.certify_flow import FlowCase
-from camnet.processes.place import Crew, in_order
+from camnet.processes.crew import Crew
+from camnet.processes.place import in_order
 from camnet.types import Array, BoolArray
 
 __all__ = ["Attack", "attack_flow", "search", "shares", "velocities"]

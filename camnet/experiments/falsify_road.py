@@ -18,7 +18,8 @@ from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.road_gaps import RoadGaps
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
 from camnet.experiments.falsify_flow import Attack, search, shares
-from camnet.processes.place import Crew, in_order
+from camnet.processes.crew import Crew
+from camnet.processes.place import in_order
 from camnet.types import Array
 
 __all__ = ["RoadCase", "attack_roads"]

@@ -43,7 +43,7 @@ def read_opencv_camera(path: Path) -> CameraRecord:
         No such file, no YAML or XML, a field is missing or is no matrix of its size, only one of rvec and tvec is
         there, or the numbers are no camera.
     """
-    fields = _xml_fields(path) if path.suffix == ".xml" else yaml_content(path)
+    fields = _xml_fields(path) if path.suffix.lower() == ".xml" else yaml_content(path)
     k_name = _named(fields, _K)
     k = _matrix(fields, k_name, (9,)).reshape(3, 3)
     d_name = fields.one_of(_D)

@@ -58,7 +58,10 @@ def place_cameras(
     names = [record.name for record in records]
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)
-        raise DataError(f"{where}: camera {twice!r} is there twice")
+        raise DataError(
+            f"{where}: camera {twice!r} is there twice; where files of several formats have it, give a pattern such as "
+            "'*.yaml'"
+        )
     strange = sorted(set(given) - set(names))
     if strange and not set(given) & set(names):
         raise DataError(f"{where}: no camera is called {strange[0]!r}; there are {', '.join(names[:12])}")

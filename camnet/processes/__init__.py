@@ -2,7 +2,10 @@
 
 | read | for |
 | --- | --- |
-| `pool` | ``Workers``, the one pool of all commands |
+| `place` | who does the work of a command: this machine's processes, or a Ray cluster |
+| `crew` | what both have in common |
+| `pool` | ``Workers``, the processes of this machine |
+| `cluster` | ``RayWorkers``, those of a Ray cluster |
 | `tied` | processes that end when the one that started them does, however it ends |
 | `stop` | SIGTERM and SIGINT in the main program |
 """

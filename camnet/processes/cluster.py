@@ -17,12 +17,12 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 from camnet import __version__
 from camnet.cache_folder import CacheFolders, adopt, cache_folders
 from camnet.errors import ConfigError, WorkerError
+from camnet.processes.crew import Crew
 
 __all__ = ["RETRIES", "RayWorkers"]
 
@@ -36,7 +36,7 @@ _AHEAD = 2
 _REACH_S = 5.0
 
 
-class RayWorkers:
+class RayWorkers(Crew):
     """Workers of a cluster for the time of a ``with`` block; leaving it by an error stops what they do.
 
     Parameters
@@ -58,25 +58,15 @@ class RayWorkers:
         self._connected = False
         self._pending: dict[Any, int] = {}
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop()
-
     def finished(
         self, function: Callable[[_Task], _Result], tasks: Sequence[_Task]
     ) -> Iterator[tuple[int, _Result]]:
-        """Yield the index and the result of every task, as they finish; the order depends on the workers.
+        """Do the tasks (`Crew.finished`).
 
         Raises
         ------
         WorkerError
             The cluster cannot be reached, has another version of camnet, or lost a task too often.
-        Exception
-            Whatever ``function`` raises first.
         """
         if not tasks:
             return
@@ -111,9 +101,8 @@ class RayWorkers:
             options |= {"num_cpus": self._jobs, "include_dashboard": False, "_temp_dir": self._folder}
         try:
             _look_for(self._address)
-            with (
-                _handlers_kept()
-            ):  # Ray sets one for SIGTERM, which would end the program with another status
+            # Ray sets a handler for SIGTERM, which would end the program with another status
+            with _handlers_kept():
                 self._ray.init(address=self._address or "local", logging_level="ERROR", **options)
         except Exception as error:
             self._stop()

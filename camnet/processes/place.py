@@ -11,38 +11,18 @@ Results do not depend on it: every task has a seed of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Protocol, Self, TypeVar
+from typing import TypeVar
 
 from camnet.errors import ConfigError
+from camnet.processes.crew import Crew
 from camnet.processes.pool import Workers
 
-__all__ = ["LOCAL", "Crew", "Place", "in_order", "read_place"]
+__all__ = ["LOCAL", "Place", "in_order", "read_place"]
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
-
-
-class Crew(Protocol):
-    """Whatever does independent tasks for the time of a ``with`` block."""
-
-    def __enter__(self) -> Self:
-        """Begin."""
-        ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop everything that still runs."""
-        ...
-
-    def finished(
-        self, function: Callable[[_Task], _Result], tasks: Sequence[_Task]
-    ) -> Iterator[tuple[int, _Result]]:
-        """Yield the index and the result of every task, as they finish."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,11 +21,12 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import connection, resource_tracker
-from types import FrameType, TracebackType
-from typing import Any, Self, TypeVar
+from types import FrameType
+from typing import Any, TypeVar
 
 from camnet.cache_folder import CacheFolders, adopt, cache_folders
 from camnet.errors import WorkerError
+from camnet.processes.crew import Crew
 from camnet.processes.tied import die_with_parent
 
 __all__ = ["Workers"]
@@ -36,7 +37,7 @@ _Result = TypeVar("_Result")
 _PATIENCE_S = 1.0
 
 
-class Workers:
+class Workers(Crew):
     """Processes for the time of a ``with`` block; leaving it by an error stops them.
 
     >>> with Workers(2) as workers:
@@ -53,28 +54,10 @@ class Workers:
         self._pool: ProcessPoolExecutor | None = None
         self._processes: list[Any] = []
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop()
-
     def finished(
         self, function: Callable[[_Task], _Result], tasks: Sequence[_Task]
     ) -> Iterator[tuple[int, _Result]]:
-        """Yield the index and the result of every task, as they finish; the order depends on the processes.
-
-        ``function``, the tasks and the results must be picklable.
-
-        Raises
-        ------
-        WorkerError
-            A worker ended before its work was done.
-        Exception
-            Whatever ``function`` raises first.
-        """
+        """Do the tasks; with one job, in this process (`Crew.finished`)."""
         if self._jobs == 1 or len(tasks) <= 1:
             for k, task in enumerate(tasks):
                 yield k, function(task)

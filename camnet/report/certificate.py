@@ -58,8 +58,12 @@ def write_certificate(
     views: Sequence[tuple[str, Array]],
     lines: Sequence[MapLine],
     solids: Sequence[tuple[str, Array]] = (),
+    design: Sequence[str] = (),
 ) -> None:
-    """Write map and page of a report into ``folder``; ``views`` and ``solids`` are names and outlines (K, 2), m."""
+    """Write map and page of a report into ``folder``; ``views`` and ``solids`` are names and outlines (K, 2), m.
+
+    ``design`` is what the page says of a design, as HTML, between the transitions and the cameras.
+    """
     _write_map(folder / "map.png", report, views, lines, solids)
     title = str(report["network"].get("name", "certificate"))
     body = [*page_head(report, title), _svg(views, lines, solids, report.get("cameras") or ())]
@@ -68,7 +72,7 @@ def write_certificate(
         body += ["<h2>From view to view</h2>", rows]
     if len(report["transitions"]) > _MOST_ROWS:
         body.append(f"<p>{len(report['transitions'])} transitions in all: see certificate.json.</p>")
-    body += page_tail(report)
+    body += [*design, *page_tail(report)]
     write_page(folder / "report.html", f"camnet: certificate of {title}", "\n".join(body))
 
 

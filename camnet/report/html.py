@@ -34,14 +34,17 @@ pre{background:#f6f5f1;padding:1rem;overflow-x:auto;font-size:12px}
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped, and stand in small letters from their first line break on."""
     rows = list(rows)
-    words = {k for row in rows for k, c in enumerate(row) if _class(c)}
+    words = {k for row in rows for k, c in enumerate(row) if _is_words(c)}
     line = (
         "<tr>"
         + "".join(f"<th{_WORDS if k in words else ''}>{shown(h)}</th>" for k, h in enumerate(head))
         + "</tr>"
     )
     body = "".join(
-        "<tr>" + "".join(f"<td{_class(c)}>{_lines(_cell(c))}</td>" for c in row) + "</tr>" for row in rows
+        "<tr>"
+        + "".join(f"<td{_WORDS if k in words else ''}>{_lines(_cell(c))}</td>" for k, c in enumerate(row))
+        + "</tr>"
+        for row in rows
     )
     return f'<div class="wide"><table>{line}{body}</table></div>'
 
@@ -51,9 +54,9 @@ def _lines(text: str) -> str:
     return shown(first) + (f"<small>{shown(more)}</small>" if more else "")
 
 
-def _class(value: object) -> str:
-    """Sentences stand at the left of their column, figures at the right."""
-    return _WORDS if isinstance(value, str) and len(value.split()) > 2 and value[0].isalpha() else ""
+def _is_words(value: object) -> bool:
+    """Whether a cell holds a sentence: columns with one stand at the left, figures at the right."""
+    return isinstance(value, str) and len(value.split()) > 2 and value[0].isalpha()
 
 
 def _cell(value: object) -> str:

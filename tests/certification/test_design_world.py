@@ -257,20 +257,13 @@ def test_what_does_not_apply_is_refused(capsys, depot, words, advice):
     assert advice in refused(capsys, depot, *words)
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
-        "--mounts",
-        "--catalogue",
-        "--existing",
-        "--budget",
-        "--aim-step",
-        "--set",
-        "--survive",
-        "--private",
-        "--mount-tolerance",
-    ],
-)
+_FOR_WORLDS = (
+    "--mounts", "--catalogue", "--existing", "--budget", "--aim-step", "--set", "--survive", "--private",
+    "--mount-tolerance",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("option", _FOR_WORLDS)
 @pytest.mark.parametrize("source", ["--roads", "--tracks"])
 def test_other_designs_refuse_what_is_for_worlds(capsys, source, option):
     value = {"--existing": "keep", "--budget": "3", "--aim-step": "3", "--survive": "1"}.get(option, "x")
