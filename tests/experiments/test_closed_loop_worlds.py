@@ -10,6 +10,7 @@ import logging
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from camnet.config.load import load_scenario
@@ -18,7 +19,12 @@ from camnet.experiments.certify_world import certify_world
 from camnet.experiments.closed_loop.attack import falsify_closed_loop, prepare
 from camnet.experiments.closed_loop.claims import Claims, claims_of_report
 from camnet.experiments.closed_loop.error_bounds import with_error_bounds
+from camnet.experiments.closed_loop.flight import fly
+from camnet.experiments.closed_loop.flight_batch import fly_together
+from camnet.experiments.closed_loop.judge import judge, stretches
+from camnet.experiments.closed_loop.plan import PlanSpace
 from camnet.experiments.learned_model import learn_models
+from camnet.simulation.network import build_network
 
 _LOG = logging.getLogger(__name__)
 #: world: seconds for which its motion is learned (None: it is stated how well it is known, 0.15 m/s), targets, agents
@@ -111,3 +117,29 @@ def test_one_false_assumption_is_found_in_nine_of_ten_cases(world):
     found = {case: _broken(world, *case) for case in cases}
     _LOG.info("%s: %s", world, found)
     assert sum(found.values()) >= 9
+
+
+@pytest.mark.slow
+def test_the_rays_of_the_engine_break_nothing_in_the_courtyard():
+    """The batch back end shares its occluders' geometry with the certificate; PyBullet's rays share nothing with it.
+
+    The two differ at instants within millimetres of an edge.
+    """
+    scenario, claims = certified("courtyard")
+    network = build_network(scenario)
+    space = PlanSpace(1, scenario.run.duration_s)
+    plans = [space.plan(genes) for genes in space.random(192, np.random.default_rng(11))]
+    outcomes, gaps, instants, differ = [], 0, 0, 0
+    for plan, together in zip(plans, fly_together(network, plans, None, 2), strict=True):
+        alone = fly(network, plan, None)
+        instants += alone.seen.size
+        differ += int((alone.seen != together.seen).sum())
+        outcomes.append(judge(alone, replace(claims, error=None, after_laps=0), ("robot",)))
+        gaps += sum(not s.first and not s.open for s in stretches(alone))
+    longest = max(o.worst["unseen_m"]["value"] for o in outcomes)
+    _LOG.info("courtyard, rays: %d gaps, longest %.3f m of %.3f m", gaps, longest, claims.unseen_max_m)
+    _LOG.info("the batch back end differs at %d of %d instants", differ, instants)
+    assert differ <= 1e-4 * instants
+    assert gaps >= 2000
+    assert not any(o.broken for o in outcomes)
+    assert longest >= 0.9 * claims.unseen_max_m
