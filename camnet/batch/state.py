@@ -14,7 +14,9 @@ from camnet.batch.random import Streams, stream_of
 from camnet.batch.target_field import PACE
 from camnet.batch.target_lanes import ROWS
 from camnet.batch.target_planned import PLAN, pack_plan
+from camnet.control.trim import trimmed
 from camnet.geometry.pinned import Pins
+from camnet.geometry.rotations import rotate
 from camnet.motion.protocol import TargetMotion
 from camnet.types import Array, IntArray
 
@@ -176,7 +178,7 @@ def restart(
 
 
 def _start_agents(model: Model, state: State, e: int) -> None:
-    """At rest in hover, references at the cameras, looking straight down."""
+    """At rest in hover, trimmed to the mean wind, references at the cameras, looking straight down."""
     n, c = len(model.start_p), model.constants
     state.bodies[e] = 0.0
     state.bodies[e, :, :3] = model.start_p
@@ -184,6 +186,12 @@ def _start_agents(model: Model, state: State, e: int) -> None:
     state.memory[e] = 0.0
     state.memory[e, :, 15] = 1.0
     state.memory[e, :, :4] = math.sqrt(c[1] * c[13] / 4.0 / c[6])
+    if n and state.wind[e].any():
+        q, state.memory[e] = trimmed(c, model.yaw, state.wind[e])
+        state.bodies[e, :, 3:7] = q[:, [1, 2, 3, 0]]
+        level = np.column_stack([model.half_yaw[:, 0], np.zeros((n, 2)), model.half_yaw[:, 1]])
+        offset = np.broadcast_to(model.offset, (n, 3))
+        state.bodies[e, :, :3] += rotate(level, offset) - rotate(q, offset)
     state.cameras[e] = 0.0
     state.cameras[e, n:, :7] = model.fixed
     state.motion[e] = 0.0

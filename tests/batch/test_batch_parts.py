@@ -19,6 +19,7 @@ from camnet.control import reference_kernel
 from camnet.control.quadrotor_kernel import pack_model
 from camnet.control.references import RegionBounds
 from camnet.control.sliding_mode_kernel import control_compiled
+from camnet.control.trim import trimmed
 from camnet.geometry import rotations
 from camnet.geometry.regions import BoxRegion, CylinderRegion
 from camnet.geometry.settings import CameraModel
@@ -135,10 +136,9 @@ def test_flight_is_that_of_pybullet(flight_hz):
     )
     bodies, memory, cameras = np.zeros((1, 3, 13)), np.zeros((1, 3, 19)), np.zeros((1, 3, 13))
     bodies[0, :, :3], bodies[0, :, 3:7] = now.agent_p_world, np.roll(now.agent_q_world, -1, axis=1)
-    memory[0, :, 15] = 1.0
-    memory[0, :, :4] = math.sqrt(9.81 / 4 / physics.quadrotor.thrust_n_per_rad2ps2)
-    beside = (bodies.copy(), memory.copy(), cameras.copy())
     circle = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    memory[0] = trimmed(constants, circle, np.array(wind.mean_mps))[1]
+    beside = (bodies.copy(), memory.copy(), cameras.copy())
     nowhere = (np.zeros((3, 2, 3)), np.zeros((3, 3)))
     work = lane_layout.build_lanes(3, circle, circle, *nowhere, np.array(wind.mean_mps))
     rows = work[0, 0].reshape(-1, lane_layout.LANES)

@@ -96,8 +96,9 @@ def test_files_tell_the_same_cameras(coarse):
 
 
 @pytest.mark.slow
-def test_the_shipped_catalogue_on_the_depots_walls(capsys, depot, rays, tmp_path):
-    status, report = design(capsys, depot, *_WALLS, "--out", tmp_path / "d")
+@pytest.mark.parametrize("pixels", ["detect", "recognise"])
+def test_the_shipped_catalogue_on_the_depots_walls(capsys, depot, rays, tmp_path, pixels):
+    status, report = design(capsys, depot, *_WALLS, "--class", pixels, "--out", tmp_path / "d")
     assert (status, report["certified"]) == (0, True)
     assert report["price"] <= 1.15 * report["lower_bound"]
     hidden = rays.longest_hidden(yaml.safe_load((tmp_path / "d" / "world.yaml").read_text()))

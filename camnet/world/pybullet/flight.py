@@ -13,6 +13,8 @@ from camnet.control.flight_kernel import begin_period, end_period
 from camnet.control.period_kernel import COCKPIT, Cockpit, begin_flight, continue_flight
 from camnet.control.quadrotor import QuadrotorModel
 from camnet.control.quadrotor_kernel import MEMORY, pack_model, step_packed, turn_gimbals
+from camnet.control.trim import trimmed
+from camnet.geometry.rotations import rotate
 from camnet.types import Array
 from camnet.world.protocol import CameraCommand
 from camnet.world.pybullet.engine import Engine, xyzw
@@ -69,25 +71,39 @@ class Flight:
         self._numbers: list[int] = []
 
     def reset(
-        self, numbers: list[int], p_world: Array, yaw: Array, q: Array, rng: np.random.Generator
+        self,
+        numbers: list[int],
+        p_world: Array,
+        yaw: Array,
+        q: Array,
+        offset_body: Array,
+        rng: np.random.Generator,
     ) -> None:
-        """Start at rest in hover at ``p_world`` (N,3), orientation ``q`` (N,4), rotors at hover speed."""
+        """Start at rest in hover at ``p_world`` (N,3), orientation ``q`` (N,4), trimmed to the mean wind.
+
+        In a wind bodies lean into it, and their cameras, ``offset_body`` (3,) off them, are where they would be else.
+        """
         n = len(numbers)
         self._rng = rng
         self.adopt(numbers)
-        for i, number in enumerate(numbers):
-            self._engine.place(number, p_world[i].tolist(), xyzw(q[i]))
-            pb.resetBaseVelocity(number, (0, 0, 0), (0, 0, 0), self._engine.client)
+        wind = self._physics.wind
         self.memory = np.zeros((n, 19))
         self.memory[:, MEMORY["thrust_axis"]] = (0.0, 0.0, 1.0)
         lift = self._model.mass_kg * self._model.gravity_mps2 / 4.0
         self.memory[:, :4] = np.sqrt(lift / self._model.thrust_coefficient)
+        if n and any(wind.mean_mps):
+            level, heading = q, np.column_stack([np.cos(yaw), np.sin(yaw)])
+            q, self.memory = trimmed(self._constants, heading, np.array(wind.mean_mps))
+            offset = np.broadcast_to(offset_body, (n, 3))
+            p_world = p_world + rotate(level, offset) - rotate(q, offset)
+        for i, number in enumerate(numbers):
+            self._engine.place(number, p_world[i].tolist(), xyzw(q[i]))
+            pb.resetBaseVelocity(number, (0, 0, 0), (0, 0, 0), self._engine.client)
         self._command, self._wrench = np.zeros((n, 13)), np.zeros((n, 6))
         self._loads = self._wrench.reshape(n, 2, 3)  # force and torque of each
         self._asked = np.zeros((4, n, 3))
         self._command[:, 9] = yaw
         self._gust, self._no_feedforward = np.zeros((n, 3)), np.zeros((n, 3))
-        wind = self._physics.wind
         self._mean_wind = np.tile(np.array(wind.mean_mps), (n, 1))
         if wind.gust_std_mps > 0:
             self._gust = rng.normal(scale=wind.gust_std_mps, size=(n, 3))

@@ -115,10 +115,11 @@ class PyBulletWorld(ExactCopies):
         self._foresight = Foresight(laws, states, target_rngs, self.control_dt_s)
         if self._is_kinematic:
             camera_q = multiply(self._body_q, STRAIGHT_DOWN).reshape(-1, 4)
-            start = (self._start_p, self._body_q, self._camera_p, camera_q, air_rng)
-            self._kinematic.reset(self._scene.agents, *start)
+            poses = (self._start_p, self._body_q, self._camera_p, camera_q)
+            self._kinematic.reset(self._scene.agents, *poses, air_rng)
         else:
-            self._flight.reset(self._scene.agents, self._start_p, self._yaw, self._body_q, air_rng)
+            start = (self._start_p, self._yaw, self._body_q, self._offset)
+            self._flight.reset(self._scene.agents, *start, air_rng)
         self._placed = False
         return self._observe((), self._motion_now())
 
