@@ -204,7 +204,12 @@ def _replay(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-_FIGURES = {"unseen_m": ("out of view", "m"), "unseen_s": ("out of view", "s"), "error_m": ("error", "m")}
+_FIGURES = {
+    "unseen_m": ("out of view", "m"),
+    "unseen_s": ("out of view", "s"),
+    "unseen_way_m": ("out of view between two regions", "m"),
+    "error_m": ("error", "m"),
+}
 
 
 def _print(content: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,28 @@ def test_stretches_run_from_the_first_to_the_last_instant_without_a_view():
     assert [(s.first, s.open) for s in found] == [(True, False), (False, False), (False, True)]
     assert list(stretches(log_of("1111"))) == []
     assert [s.first and s.open for s in stretches(log_of("0000"))] == [True]
+
+
+def test_each_way_between_two_regions_has_a_promise_of_its_own():
+    regions, seen = ("west", "east", "north"), "1100110001100001"
+    place = np.array([[0, -1, -1, -1, 1, 1, 1, -1, -1, 2, -1, -1, -1, -1, -1, 0]]).T
+    log = replace(
+        log_of(seen), region=place
+    )  # 1 s from west to east, 1.5 s from there to north, lost still in east
+
+    def broken(*ways):
+        return judge(log, Claims(unseen_max_m=9.0, ways=ways), ("a",), regions).broken
+
+    assert broken(("west", "east", 0.5), ("east", "north", 1.0), ("north", "west", 1.5)) == ()
+    assert broken(("west", "east", 0.4)) == ("unseen_way_m",)
+    assert broken(("east", "north", 0.9)) == ("unseen_way_m",)
+    assert broken(("north", "west", 1.4)) == ("unseen_way_m",)
+    assert broken(("east", "west", 0.1)) == ()  # nobody went there
+    worst = judge(log, Claims(ways=(("east", "north", 0.8),)), ("a",), regions).worst["unseen_way_m"]
+    assert (worst["from"], worst["to"], worst["value"]) == ("east", "north", 1.0)
+    ways = Claims(ways=(("east", "north", 0.8),))
+    assert Claims.from_dict(json.loads(json.dumps(ways.as_dict()))).ways == ways.ways
+    assert ways.scaled(0.5).ways == (("east", "north", 0.4),)
 
 
 def test_a_promise_is_broken_beyond_its_figures_alone():

@@ -106,8 +106,7 @@ def _network(content: str) -> Network:
 
 def _fly_one(content: str, claims: Claims, estimator: str | None, plan: Plan) -> Outcome:
     network = _network(content)
-    names = tuple(target.name for target in network.scenario.targets)
-    return judge(fly(network, plan, estimator), claims, names)
+    return judge(fly(network, plan, estimator), claims, *_names(network))
 
 
 def back_end(attack: Attack) -> str:
@@ -120,8 +119,14 @@ def _fly_together(
     content: str, claims: Claims, estimator: str | None, plans: Sequence[Plan], threads: int
 ) -> list[Outcome]:
     network = _network(content)
-    names = tuple(target.name for target in network.scenario.targets)
-    return [judge(log, claims, names) for log in fly_together(network, plans, estimator, threads)]
+    names = _names(network)
+    return [judge(log, claims, *names) for log in fly_together(network, plans, estimator, threads)]
+
+
+def _names(network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of targets and regions."""
+    scenario = network.scenario
+    return tuple(t.name for t in scenario.targets), tuple(r.name for r in scenario.regions)
 
 
 def replay(attack: Attack, plan: Plan) -> Outcome:

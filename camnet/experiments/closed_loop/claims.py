@@ -89,6 +89,7 @@ class Claims:
     into_first_view : whether the stretch before the first view counts
     after_laps, after_s : what is promised of targets that have been followed for so many laps, or so long, s
     error_after_laps : laps after which the bound of the error holds, if these are more
+    ways : longest stretch out of view between two regions, (from, to, m) each
     source : where the promise was read
     """
 
@@ -100,6 +101,7 @@ class Claims:
     after_laps: int = 0
     after_s: float = 0.0
     error_after_laps: int = 0
+    ways: tuple[tuple[str, str, float], ...] = ()
     source: str = "certificate"
 
     @property
@@ -121,6 +123,7 @@ class Claims:
             unseen_max_m=times(self.unseen_max_m),
             unseen_max_s=times(self.unseen_max_s),
             error=error,
+            ways=tuple((a, b, factor * length_m) for a, b, length_m in self.ways),
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -132,7 +135,9 @@ class Claims:
     def from_dict(cls, content: dict[str, Any]) -> Claims:
         """Read back what `as_dict` made."""
         error = content["error"]
-        return cls(**{**content, "error": None if error is None else ErrorBound.from_dict(error)})
+        ways = tuple((str(a), str(b), float(length)) for a, b, length in content.get("ways", ()))
+        known = {**content, "ways": ways}
+        return cls(**{**known, "error": None if error is None else ErrorBound.from_dict(error)})
 
 
 def claims_of_report(report: dict[str, Any], source: str = "certificate") -> Claims:
@@ -140,7 +145,8 @@ def claims_of_report(report: dict[str, Any], source: str = "certificate") -> Cla
 
     The figures are those of the promise, whether or not they are within what is allowed. Where the promise rests on a
     learned motion (agents), it holds from the second lap on; attacks begin anywhere on a path, so that the way into the
-    first view then counts only where the report states it.
+    first view then counts only where the report states it. Between two regions of agents the way has a figure of its
+    own, beside the longest of all.
     """
     promise = report["promise"]
     if promise["nobody_sees"] or not promise["bounded"] or "nothing is promised" in promise["sentence"]:
@@ -152,8 +158,18 @@ def claims_of_report(report: dict[str, Any], source: str = "certificate") -> Cla
         targets_at_once=promise["targets_served"],
         into_first_view=not rests_on_model or promise["into_first_view"] is not None,
         after_laps=1 if rests_on_model else 0,
+        ways=_ways(report) if rests_on_model else (),
         source=source,
     )
+
+
+def _ways(report: dict[str, Any]) -> tuple[tuple[str, str, float], ...]:
+    """Return the longest stretch out of view from each region to each that follows, those without end left out."""
+    longest: dict[tuple[str, str], float] = {}
+    for entry in report["transitions"]:
+        pair, length = (entry["from"], entry["to"]), entry["longest_m"]
+        longest[pair] = max(longest.get(pair, 0.0), math.inf if length is None else float(length))
+    return tuple((a, b, length) for (a, b), length in longest.items() if math.isfinite(length))
 
 
 def _claims_without_promise(report: dict[str, Any], source: str) -> Claims:

@@ -59,6 +59,7 @@ class TruthLog:
     lap : (T, M) which lap of its tour through the regions it is on, seen or not, from 1 (0 where nobody counts)
     gaps : gaps that ended, with the estimate's errors; empty where no estimator ran
     use : by assumption, the largest share of what is assumed that occurred
+    region : (T, M) the region that it is in, -1 in none; None where nobody asked
     """
 
     t_s: Array
@@ -67,6 +68,7 @@ class TruthLog:
     lap: IntArray
     gaps: list[GapRecord] = field(default_factory=list)
     use: dict[str, float] = field(default_factory=dict)
+    region: IntArray | None = None
 
 
 def laps_of(region: IntArray) -> IntArray:
@@ -198,13 +200,15 @@ def _fly(simulation: NetworkSimulation) -> TruthLog:
         for m, recorder in enumerate(simulation.gaps)
         for g in recorder.gaps
     ]
+    regions = np.array(keeper.regions)
     return TruthLog(
         np.array(keeper.t_s),
         np.array(keeper.seen),
         np.array(keeper.places),
-        laps_of(np.array(keeper.regions)),
+        laps_of(regions),
         gaps,
         _use(simulation, keeper),
+        regions,
     )
 
 

@@ -195,6 +195,7 @@ class _Keeper:
                 laps_of(region[:, e]),
                 [g for m in range(seen.shape[2]) for g in _gaps(m, t_s, camera[:, e, m], missed[:, e, m])],
                 self._use(e, counts[e]),
+                region[:, e],
             )
             for e in range(seen.shape[1])
         ]

@@ -74,8 +74,8 @@ def stretches(log: TruthLog, since: Sequence[float] | None = None) -> Iterator[S
                 yield Stretch(m, float(log.t_s[i]), time_s, length_m, start == 0, j == len(log.t_s) - 1)
 
 
-def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
-    """Compare a flight with what is promised.
+def judge(log: TruthLog, claims: Claims, names: tuple[str, ...], regions: tuple[str, ...] = ()) -> Outcome:
+    """Compare a flight with what is promised; ``regions`` are the names of the numbers in ``log.region``.
 
     The way into the first view rests on no estimate: it counts from the start, whatever the promise waits for. Where it
     is not promised, a target that nobody has seen by the time at which the promise holds counts from then on.
@@ -91,6 +91,9 @@ def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
         where = {"target": names[s.target], "from_s": s.from_s, "into_first_view": s.first, "cut_off": s.open}
         _note(worst, "unseen_m", s.length_m, claims.unseen_max_m, where)
         _note(worst, "unseen_s", s.time_s, claims.unseen_max_s, where)
+        way = _way(log, claims, s, regions)
+        if way is not None:
+            _note(worst, "unseen_way_m", s.length_m, way[2], {**where, "from": way[0], "to": way[1]})
     laps = max(claims.after_laps, claims.error_after_laps)
     known = [_since(log, claims, m, laps) for m in range(len(names))]
     gaps = [g for g in log.gaps if g.lost_s >= known[g.target]]
@@ -103,6 +106,25 @@ def judge(log: TruthLog, claims: Claims, names: tuple[str, ...]) -> Outcome:
     broken = tuple(name for name, w in worst.items() if w["margin"] is not None and w["margin"] < -_SLACK)
     share = max((w["share"] for w in worst.values() if w["share"] is not None), default=0.0)
     return Outcome(share, broken, worst, count, len(gaps), log.use)
+
+
+def _way(
+    log: TruthLog, claims: Claims, s: Stretch, regions: tuple[str, ...]
+) -> tuple[str, str, float] | None:
+    """Return the way between two regions that a stretch lies on, and what is promised of it; None of no such way.
+
+    It leads from the region that the target was in last, at its begin, to the next one, at its end: whoever misses a
+    target in a region adds to the stretch, and not to what is promised.
+    """
+    if not claims.ways or log.region is None or s.first:
+        return None
+    own, i = log.region[:, s.target], int(np.searchsorted(log.t_s, s.from_s - 1e-9))
+    j = int(np.searchsorted(log.t_s, s.from_s + s.time_s - 1e-9))
+    before, after = np.flatnonzero(own[: i + 1] >= 0), j + np.flatnonzero(own[j:] >= 0)
+    if not len(before) or not len(after):
+        return None
+    pair = regions[own[before[-1]]], regions[own[after[0]]]
+    return next((way for way in claims.ways if way[:2] == pair), None)
 
 
 def _since(log: TruthLog, claims: Claims, m: int, laps: int) -> float:
