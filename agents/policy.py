@@ -14,7 +14,7 @@ from camnet.control.settings import ControllerSettings
 from camnet.env.handoff_v0 import HandoffEnv
 from camnet.env.layout import ObservationLayout
 from camnet.geometry.regions import Region
-from camnet.geometry.settings import CameraModel
+from camnet.geometry.settings import CameraModel, Road
 from camnet.simulation.network import Network
 from camnet.types import Array
 
@@ -38,6 +38,8 @@ class AgentContext:
     center, half_size : (3,), (3,) of the region, m
     speeds : (M,) top speeds of the targets, m/s
     lookahead_s : time that scales times in observations
+    roads : the map
+    grace_s, decision_s : time allowed for a handoff; from one decision to the next
     gaze_max_rad : pan and tilt of an action of 1
     viewpoints : for an agent among occluders: where it can be and see
     """
@@ -53,6 +55,9 @@ class AgentContext:
     lookahead_s: float
     gaze_max_rad: float
     viewpoints: Viewpoints | None = None
+    roads: tuple[Road, ...] = ()
+    grace_s: float = 2.0
+    decision_s: float = 0.1
 
     def world(self, relative: Array) -> Array:
         """Position (3,) in the world from one in half-sizes about the region's centre."""
@@ -108,6 +113,9 @@ def network_contexts(
             lookahead_s=scenario.handoff.lookahead_s,
             gaze_max_rad=gaze_max_rad,
             viewpoints=network.viewpoints.get(j),
+            roads=scenario.roads,
+            grace_s=scenario.handoff.grace_s,
+            decision_s=1.0 / scenario.run.decision_hz,
         )
         for j, agent in enumerate(scenario.agents)
     }

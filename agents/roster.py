@@ -6,6 +6,7 @@
 | `learned_shared` | the same | learning estimator, one model for all targets |
 | `ekf` | the same | constant-velocity extended Kalman filter |
 | `auction` | the same, each target given to one agent by auction | learning estimator |
+| `planner` | fly to the pose from which most will be seen in the next seconds | learning estimator |
 | `oracle` | the same, and who wins nothing minds whatever comes; cameras a little higher | the truth, now and to come |
 | `nearest` | fly towards the nearest estimate | constant-velocity extended Kalman filter |
 | `static` | stay in the middle, look down | (the same) |
@@ -26,6 +27,7 @@ from camnet.agents.auction import Auction
 from camnet.agents.learned import Learned
 from camnet.agents.nearest import Nearest
 from camnet.agents.oracle import Oracle
+from camnet.agents.planner import Planner
 from camnet.agents.policy import Action, AgentContext, Policy
 from camnet.agents.policy_file import load_policy
 from camnet.agents.random_walk import RandomWalk
@@ -46,9 +48,13 @@ _SINGLE: dict[str, Callable[[AgentContext], Policy]] = {
     "nearest": Nearest,
     "static": Static,
 }
-_ESTIMATOR = {"auction": "learned", "nearest": "ekf", "static": "ekf", "random": "ekf"}
+_ESTIMATOR = {"auction": "learned", "planner": "learned", "nearest": "ekf", "static": "ekf", "random": "ekf"}
 
-_TEAMS: dict[str, Callable[[Mapping[str, AgentContext]], Team]] = {"auction": Auction, "oracle": Oracle}
+_TEAMS: dict[str, Callable[[Mapping[str, AgentContext]], Team]] = {
+    "auction": Auction,
+    "oracle": Oracle,
+    "planner": Planner,
+}
 
 #: names of the built-in agents
 AGENTS = (*_SINGLE, *_TEAMS, "random")
@@ -112,6 +118,8 @@ def build_team(name: str, known: Mapping[str, AgentContext], seed: int = 0) -> T
         There is no such agent, or its policy file cannot be read.
     """
     estimator_of(name)  # names are checked in one place
+    if name == "planner":
+        return Planner(known, seed)
     if name in _TEAMS:
         return _TEAMS[name](known)
     if _is_file(name):

@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from camnet.agents.auction import INSIDE, NO_BID
 from camnet.agents.features import FeatureMap
 from camnet.agents.oracle import CAUTION_M
+from camnet.agents.planner import PlannerRows
 from camnet.agents.policy import AgentContext
 from camnet.agents.policy_file import PolicyNet, load_policy
 from camnet.agents.roster import estimator_of
@@ -288,6 +289,8 @@ def build_together(name: str, known: Mapping[str, AgentContext], seeds: Sequence
     facts = _Facts(known)
     if name.endswith(".npz"):
         return _Trained(facts, load_policy(Path(name)))
+    if name == "planner":
+        return PlannerRows(known, seeds)
     if name == "random":
         return _Random(len(known), seeds)
     kinds: dict[str, Callable[[_Facts], Together]] = {
