@@ -157,7 +157,7 @@ def _value(
     for m in range(m_targets):
         total += chances[steps, m] * (1.0 - missed[m])
     speed = min(way * f[24], f[23]) / f[23]
-    return total - f[37] * speed * speed
+    return float(total - f[37] * speed * speed)
 
 
 @cached_njit

@@ -16,7 +16,7 @@ _DESCRIPTION = """Play agents on worlds and compare them.
 
 Every agent plays the same seeds on every world. The table has means with 95 % bootstrap intervals; each agent is
 compared with --reference seed by seed (sign-flip permutation test). Agents are built-in names (learned, learned_shared,
-adate, ekf, oracle, auction, nearest, static, random) or policy files that `camnet train` wrote (*.npz).
+adate, ekf, planner, oracle, auction, nearest, static, random) or policy files that `camnet train` wrote (*.npz).
 
   camnet evaluate --world quickstart --agents learned,ekf,nearest --episodes 20
   camnet evaluate --world quickstart,loop_8 --agents learned,runs/train/policy.npz --episodes 200 --out runs/scores

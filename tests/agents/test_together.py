@@ -51,7 +51,9 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("world", ["pursuit", "grid_16", "round"])
-@pytest.mark.parametrize("agent", ["learned", "nearest", "static", "random", "auction", "oracle", "file"])
+@pytest.mark.parametrize(
+    "agent", ["learned", "nearest", "static", "random", "auction", "planner", "oracle", "file"]
+)
 def test_agents_on_arrays_act_as_one_by_one(world: str, agent: str, policy: Path) -> None:
     scenario = load_scenario("pursuit" if world == "round" else world)
     assert isinstance(scenario, Scenario)
