@@ -6,6 +6,7 @@
 | ``xy``, ``heading`` | (n, 2), (n,) | m, rad | pose of the target there |
 | ``time_s`` | (n,) | s | latest time from the start of the arc |
 | ``half_width_m`` | | m | targets may be this far to either side |
+| ``height_m`` | (n,) | m | height above the ground; None: on it |
 
 The target's feature points are carried along each arc; a place is seen by a camera where the simulator's own test says
 so, over the whole cross-section. Where a view begins or ends is found by halving between two samples.
@@ -57,6 +58,14 @@ class Ways:
     entries: BoolArray
     half_width_m: float = 0.0
     anywhere: bool = True
+    height_m: Array | None = None
+
+    def height(self, arc: IntArray, at_m: Array) -> Array | None:
+        """Return heights (k,) on arcs (k,) at arc lengths (k,), m; None where all is on the ground."""
+        if self.height_m is None:
+            return None
+        i, f = self._between(arc, at_m)
+        return np.asarray(self.height_m[i] + f * (self.height_m[i + 1] - self.height_m[i]))
 
     def pose(self, arc: IntArray, at_m: Array) -> tuple[Array, Array]:
         """Return places (k, 2) and headings (k,) on arcs (k,) at arc lengths (k,), m."""
@@ -122,7 +131,7 @@ def cover_ways(ways: Ways, views: Views, solids: Solids, features: Array) -> Cov
     rows = max(1, _CHUNK // max(1, len(features) * len(_across(ways.half_width_m))))
     seen = np.concatenate(
         [
-            seen_by(_points(ways, features, ways.xy[k : k + rows], ways.heading[k : k + rows]), views, solids)
+            seen_by(_samples(ways, features, slice(k, k + rows)), views, solids)
             for k in range(0, len(ways.at_m), rows)
         ]
     )
@@ -180,8 +189,13 @@ def _across(half_width_m: float) -> Array:
     return np.linspace(-half_width_m, half_width_m, n)
 
 
-def _points(ways: Ways, features: Array, xy: Array, heading: Array) -> Array:
-    """Return the feature points (n, F * widths, 3) of targets at places (n, 2) with headings (n,)."""
+def _samples(ways: Ways, features: Array, rows: slice) -> Array:
+    height = None if ways.height_m is None else ways.height_m[rows]
+    return _points(ways, features, ways.xy[rows], ways.heading[rows], height)
+
+
+def _points(ways: Ways, features: Array, xy: Array, heading: Array, height: Array | None) -> Array:
+    """Return the feature points (n, F * widths, 3) of targets at places (n, 2) with headings and heights (n,)."""
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     across = _across(ways.half_width_m)
     fx = np.tile(features[:, 0], len(across))
@@ -189,7 +203,8 @@ def _points(ways: Ways, features: Array, xy: Array, heading: Array) -> Array:
     fz = np.tile(features[:, 2], len(across))
     x = xy[:, :1] + c * fx - s * fy
     y = xy[:, 1:] + s * fx + c * fy
-    return np.stack([x, y, np.broadcast_to(fz, x.shape)], axis=-1)
+    z = np.broadcast_to(fz, x.shape) if height is None else fz + height[:, None]
+    return np.stack([x, y, z], axis=-1)
 
 
 def _runs(seen: BoolArray, owner: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
@@ -226,6 +241,7 @@ def _edges(
     for _ in range(_HALVINGS):
         middle = 0.5 * (good + bad)
         xy, heading = ways.pose(arcs, middle)
-        hit = seen_pairs(_points(ways, features, xy, heading), cameras, views, solids)
+        places = _points(ways, features, xy, heading, ways.height(arcs, middle))
+        hit = seen_pairs(places, cameras, views, solids)
         good, bad = np.where(open_ended & hit, middle, good), np.where(open_ended & ~hit, middle, bad)
     return good[: len(start)], good[len(start) :]

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from camnet.config.check_field import field_problems
 from camnet.config.check_geometry import check_geometry, track_problems
 from camnet.config.check_sizes import size_problems
 from camnet.config.diagnose import Problem, find, raise_problems, show
@@ -16,7 +17,7 @@ from camnet.config.yaml_nodes import FieldPath, Node, field_text
 from camnet.errors import DataError, WorldError
 from camnet.geometry.settings import CameraModel, FixedPose
 from camnet.importers.tracks import load_tracks, only_track
-from camnet.motion.settings import RoadTarget, TargetSettings, TrackTarget, VectorFieldTarget
+from camnet.motion.settings import FieldTarget, RoadTarget, TargetSettings, TrackTarget, VectorFieldTarget
 
 __all__ = ["check_scenario"]
 
@@ -147,6 +148,8 @@ def _target_references(i: int, target: TargetSettings, scenario: Scenario) -> It
         yield from _refers((*path, "road"), motion.road, list(roads), "road")
         if motion.road in roads and not roads[motion.road].closed:
             yield Problem((*path, "road"), show(motion.road), "field 'loop' needs a road with 'closed: true'")
+    elif isinstance(motion, FieldTarget):
+        yield from field_problems(path, target, motion)
     elif isinstance(motion, TrackTarget):
         yield from _exists(
             (*path, "file"), motion.file, "paths start at the file's folder, or at data=FOLDER"
@@ -216,7 +219,7 @@ def _target_numbers(path: FieldPath, target: TargetSettings) -> Iterator[Problem
     if min(target.size_m) <= 0:
         yield Problem((*path, "size_m"), show(target.size_m), "sizes must be greater than 0")
     motion = target.motion
-    if isinstance(motion, TrackTarget):
+    if isinstance(motion, TrackTarget | FieldTarget):
         return
     slow, fast = (
         (motion.speed_mps, motion.speed_mps) if isinstance(motion, VectorFieldTarget) else motion.speed_mps

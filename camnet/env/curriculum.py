@@ -27,7 +27,7 @@ from camnet.errors import ConfigError
 from camnet.geometry.settings import Road
 from camnet.motion.factory import build_motion
 from camnet.motion.road_network import RoadNetwork
-from camnet.motion.settings import RoadTarget, TargetSettings, TrackTarget
+from camnet.motion.settings import FieldTarget, RoadTarget, TargetSettings, TrackTarget
 from camnet.motion.vector_field import VectorFieldMotion
 from camnet.settings import Fraction, NonNegative, Positive, Settings
 
@@ -128,9 +128,9 @@ def _faster(target: TargetSettings, scale: float) -> TargetSettings:
     motion = target.motion
     if scale == 1.0:
         return target
-    if isinstance(motion, TrackTarget):
+    if isinstance(motion, TrackTarget | FieldTarget):
         raise ConfigError(
-            f"reset option target_speed_scale = {scale:g}: target {target.name!r} replays a record at its own speed; "
+            f"reset option target_speed_scale = {scale:g}: target {target.name!r} has a speed of its own; "
             "leave the option out"
         )
     raised = max(scale, 1.0)
@@ -150,9 +150,9 @@ def _started(target: TargetSettings, start: float | str | None, roads: tuple[Roa
     if start is None:
         return target
     motion = target.motion
-    if isinstance(motion, TrackTarget):
+    if isinstance(motion, TrackTarget | FieldTarget):
         raise ConfigError(
-            f"reset option target_start = {start!r}: target {target.name!r} replays a record; leave the option out"
+            f"reset option target_start = {start!r}: target {target.name!r} has a path of its own; leave the option out"
         )
     if isinstance(motion, RoadTarget):
         names = [road.name for road in roads]

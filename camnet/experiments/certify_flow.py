@@ -35,6 +35,7 @@ from camnet.experiments.learned_model import LearnedModel
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.polytope import largest_ball
 from camnet.geometry.regions import Region
+from camnet.motion.field_motion import FieldMotion
 from camnet.motion.vector_field import VectorFieldMotion
 from camnet.simulation.certificates import feature_extent, view_radius
 from camnet.simulation.network import Network
@@ -172,6 +173,8 @@ def _lap_s(model: LearnedModel) -> float:
 def true_velocity(network: Network, points: Array) -> Array | None:
     """Return the target's velocity (n, 2) at points (n, 2), once turned into its field; None if it has a memory."""
     motion = network.description.targets[0].motion
+    if isinstance(motion, FieldMotion) and motion.law is not None and motion.law.by_place:
+        return motion.law.velocity(points) if motion.law.dimensions == 2 else None
     if not isinstance(motion, VectorFieldMotion):
         return None
     out = np.empty((len(points), 2))
@@ -183,6 +186,14 @@ def true_velocity(network: Network, points: Array) -> Array | None:
             return None
         out[k] = twist.v[:2]
     return out
+
+
+def slope_of(network: Network) -> float | None:
+    """Return the stated bound of the slope of the first target's velocity over the place, 1/s; None without one."""
+    stated = network.scenario.certificate.field_slope_per_s
+    motion = network.description.targets[0].motion
+    own = motion.lipschitz_per_s if isinstance(motion, FieldMotion) else None
+    return own if stated is None else stated
 
 
 def corridor_points(path: Array, corridor_m: float) -> Array:
@@ -203,7 +214,7 @@ def model_errors(network: Network, model: LearnedModel) -> list[float]:
         np.linalg.norm(np.diff(model.path[:, 1:3], axis=0), axis=1).max() / np.diff(model.path[:2, 0])[0]
     )
     blends = network.scenario.estimator.gap.prior != "none"
-    slope = network.scenario.certificate.field_slope_per_s
+    slope = slope_of(network)
     out = []
     for j, field in enumerate(model.fields()):
         parts = [p for p in _runs(path, last == j) if len(p) > 2]
@@ -288,7 +299,7 @@ def flow_case(
     elif model_error_mps is not None:
         e_v, source = model_error_mps, "stated"
     else:
-        bounded = settings.field_slope_per_s is not None and network.scenario.estimator.gap.prior == "none"
+        bounded = slope_of(network) is not None and network.scenario.estimator.gap.prior == "none"
         bounded &= e0 >= sampling_of(network).position_noise_m  # a restart at a measurement is off by as much
         e_v, source = max(model_errors(network, model)), "deterministic" if bounded else "sampled"
     target = FlowTargetClass(

@@ -19,6 +19,7 @@ from camnet.certification.model_error import ModelError
 from camnet.certification.planar_shapes import cover_regions
 from camnet.certification.promise import Promise, UnseenWay, with_claims
 from camnet.certification.ways import cover_ways, join_coverage
+from camnet.errors import CertificateError
 from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import certify_learned, flow_case, ground_of
 from camnet.experiments.learned_model import LearnedModel
@@ -41,6 +42,7 @@ from camnet.experiments.promise_world import (
 )
 from camnet.experiments.published_world import published_on_ways
 from camnet.experiments.world_ways import PathWays, path_ways
+from camnet.motion.field_motion import FieldMotion
 from camnet.report.certificate import MapLine
 from camnet.simulation.certificates import view_radius
 from camnet.simulation.network import Network
@@ -50,6 +52,9 @@ __all__ = ["best_verdict", "certify_on_path", "words_of"]
 
 #: step of the path, s, and the least time that it is followed, s
 _STEP_S, _LEAST_S = 0.05, 300.0
+
+
+_IN_SPACE = {"verdict": "refused", "reason": "the target leaves the ground; views are measured on it"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +106,7 @@ def certify_on_path(
     v_max = network.scenario.targets[0].v_max_mps
     report: dict[str, Any] = {
         "network": {"cameras": len(ground), "regions": network.n_agents},
-        "target_class": f"vector field, at most {v_max:g} m/s",
+        "target_class": f"{_kind(network)}, at most {v_max:g} m/s",
         "certificates": {"sound": _verdict(list(entries.values()), "sound", off)},
         "constants": {
             "off_max_s": limit.off_s,
@@ -114,6 +119,11 @@ def certify_on_path(
         },
     }
     learned = None
+    if model is not None and followed.ways.height_m is not None:
+        raise CertificateError(
+            f"target {network.scenario.targets[0].name!r} leaves the ground, and 'learned' knows flows on it alone; "
+            "leave --learn or --model out, 'unseen' needs neither"
+        )
     if model is not None:
         learned = _learned(network, model, model_error_mps, find_largest, limit, report, entries, on_min_s)
     report["transitions"] = list(entries.values())
@@ -127,7 +137,9 @@ def certify_on_path(
         network, followed, watched, learned, limit, ground, name, report["target_class"], at_once
     )
     if network.n_agents == 0:
-        report["certificates"]["published"] = published_on_ways(network, watched, ground)
+        report["certificates"]["published"] = (
+            published_on_ways(network, watched, ground) if followed.ways.height_m is None else dict(_IN_SPACE)
+        )
     lines = [MapLine(_whole(watched), "seen", "in view")]
     lines += [
         MapLine(g.points, best_verdict(e), words_of(e))
@@ -137,6 +149,16 @@ def certify_on_path(
     outlines = [ring for g in ground for ring in g.rings]
     lines = apply_refusals(report, lines, promise)
     return Certified(with_claims(report, promise), outlines, lines, promise)
+
+
+def _kind(network: Network) -> str:
+    motion = network.description.targets[0].motion
+    if not isinstance(motion, FieldMotion) or motion.law is None:
+        return "vector field"
+    where = "in space" if motion.law.dimensions == 3 else "on the ground"
+    slope = motion.lipschitz_per_s
+    steep = "" if slope is None else f", slope at most {slope:g} 1/s"
+    return f"stated law of motion {where}{steep}"
 
 
 def follow(network: Network) -> PathWays:
@@ -299,11 +321,7 @@ def _promise(
     target_class: str,
     at_once: int,
 ) -> Promise:
-    span = (
-        "from where it begins, for ever"
-        if followed.closed
-        else f"in the first {followed.duration_s:g} s of its way"
-    )
+    span = followed.span
     names = [g.name for g in ground]
     if network.n_agents == 0:
         return promise_of(

@@ -31,7 +31,7 @@ from camnet.experiments.promise_world import Limit
 from camnet.experiments.target_groups import Models, TargetGroup, join_targets, target_groups
 from camnet.geometry.rotations import to_matrix
 from camnet.motion.road import RoadMotion
-from camnet.motion.settings import VectorFieldTarget
+from camnet.motion.settings import FieldTarget, VectorFieldTarget
 from camnet.report.certificate import MapLine
 from camnet.simulation.certificates import feature_extent, network_report
 from camnet.simulation.network import Network, build_network
@@ -112,7 +112,7 @@ def _one_class(
         return certify_on_roads(
             network, roads, group.members, model_error_mps, limit, on_min_s=on_min_s, at_once=at_once
         )
-    if isinstance(settings, VectorFieldTarget):
+    if isinstance(settings, VectorFieldTarget | FieldTarget):
         return certify_on_path(
             network, group.model, model_error_mps, find_largest, limit, on_min_s=on_min_s, at_once=at_once
         )

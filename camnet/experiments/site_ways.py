@@ -14,7 +14,7 @@ from camnet.experiments.certify_world import alone
 from camnet.experiments.target_groups import target_groups
 from camnet.experiments.world_ways import drawn_ways, driven_ways
 from camnet.motion.road import RoadMotion
-from camnet.motion.settings import VectorFieldTarget
+from camnet.motion.settings import FieldTarget, VectorFieldTarget
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array
 
@@ -56,7 +56,7 @@ def _ways_of(network: Network, members: tuple[str, ...], whole: Network) -> Site
     if roads:
         slow = roads[0].speed_mps[0]
         return SiteWays(network, members, (drawn_ways(network, roads, slow), driven_ways(roads, slow)))
-    if isinstance(target.motion, VectorFieldTarget):
+    if isinstance(target.motion, VectorFieldTarget | FieldTarget):
         return SiteWays(network, members, (follow(network).ways,))
     raise ConfigError(
         f"target {target.name!r} is of kind {target.motion.kind!r}: it may go anywhere, so that no choice of cameras "

@@ -3,7 +3,7 @@
 | target | ways | span |
 | --- | --- | --- |
 | ``road`` | every walk over the roads that it can reach, as drawn, and as driven around bends | unlimited |
-| ``vector_field`` | its one path: on to where it closes, then repeated laps | unlimited, else a stated time |
+| ``vector_field``, ``field`` | its one path: on to where it closes, then repeated laps | unlimited, else stated |
 | ``track`` | the recording is one of the ways of its class, which may go anywhere | the recording |
 
 Road targets cut corners: a driven way is the motion's own from the middle of one road to the middle of the next, for
@@ -19,8 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camnet.certification.road_arcs import RoadArcs, arcs_from_polylines, arcs_from_roads
+from camnet.certification.road_arcs import RoadArcs, arcs_from_lanes, arcs_from_polylines, arcs_from_roads
 from camnet.certification.ways import Ways, straight_ways
+from camnet.errors import CertificateError
+from camnet.motion.field_motion import FieldMotion
 from camnet.motion.protocol import TargetMotion, TargetState, planar_state
 from camnet.motion.road import RoadMotion
 from camnet.motion.road_network import CenterLine, RoadNetwork
@@ -35,6 +37,8 @@ WANDER_SIGMAS = 3.0
 _STEP_M = 0.04
 #: a path has closed when it comes back this near (m), with this heading (rad)
 _CLOSED_M, _CLOSED_RAD = 0.02, 0.02
+#: columns of a pose (x, y, heading, z) that say where it is
+_PLACE = [0, 1, 3]
 #: offsets from the centre line below this (m) are none
 _ON_LINE_M = 5e-3
 
@@ -274,31 +278,47 @@ class PathWays:
     ways : the way until it closes (arc 0) and the lap that follows (the last arc)
     closed : whether it came back to where it had been
     duration_s : how long it was followed
+    rests : whether it stands still from then on
     """
 
     ways: Ways
     closed: bool
     duration_s: float
+    rests: bool = False
+
+    @property
+    def span(self) -> str:
+        """For how much of its way something is promised, in words."""
+        if self.closed:
+            return "from where it begins, for ever"
+        if self.rests:
+            return f"from where it begins until it stands still, {self.duration_s:.3g} s later"
+        return f"in the first {self.duration_s:g} s of its way"
 
 
 def path_ways(motion: TargetMotion, at_least_s: float, dt_s: float, half_width_m: float) -> PathWays:
     """Follow a target that moves by itself for ``at_least_s``, and find the lap that it settles on."""
     rng = np.random.default_rng(0)
     state = motion.reset(rng)
-    poses, n = [_pose(state)], math.ceil(at_least_s / dt_s)
+    rests_s = motion.rests_s if isinstance(motion, FieldMotion) else math.inf
+    rests = rests_s < at_least_s
+    poses, n = [_pose(state)], math.ceil(min(at_least_s, rests_s) / dt_s)
     for k in range(n):
         state = motion.step(state, k * dt_s, dt_s, rng)
         poses.append(_pose(state))
     rows = np.array(poses)
     rows[:, 2] = np.unwrap(rows[:, 2])
-    moved = np.r_[True, np.linalg.norm(np.diff(rows[:, :2], axis=0), axis=1) > 1e-9]
+    moved = np.r_[True, _steps(rows) > 1e-9]
+    if moved.sum() < 2:
+        raise CertificateError("the target does not move: there is no way to be watched along")
     t = np.asarray(dt_s * np.arange(len(rows), dtype=np.float64)[moved])
     rows = rows[moved]
-    begin, end = _lap(rows)
+    begin, end = (-1, -1) if rests else _lap(rows)
     if begin < 0:
-        return PathWays(_path_graph([rows], [t], [[]], half_width_m), False, n * dt_s)
+        graph = _path_graph([rows], [t], [[]], half_width_m)
+        return PathWays(graph, False, min(rests_s, n * dt_s), rests)
     loop = rows[begin : end + 1].copy()
-    loop[-1, :2] = loop[0, :2]  # closes, within the tolerance
+    loop[-1, _PLACE] = loop[0, _PLACE]  # closes, within the tolerance
     parts, times, after = [loop], [t[begin : end + 1]], [[0]]
     if begin > 0:
         parts, times, after = [rows[: begin + 1], loop], [t[: begin + 1], times[0]], [[1], [1]]
@@ -307,15 +327,21 @@ def path_ways(motion: TargetMotion, at_least_s: float, dt_s: float, half_width_m
 
 def _pose(state: TargetState) -> list[float]:
     w, x, y, z = state.q_world.tolist()
-    return [*state.p_world[:2].tolist(), math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))]
+    px, py, pz = state.p_world.tolist()
+    return [px, py, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), pz]
+
+
+def _steps(rows: Array) -> Array:
+    """Return the distances between poses (n, 4), x, y, heading, z; (n - 1,), m."""
+    return np.asarray(np.linalg.norm(np.diff(rows[:, _PLACE], axis=0), axis=1))
 
 
 def _lap(rows: Array) -> tuple[int, int]:
     """Return the first and last sample of the last lap of a path that closes; (-1, -1) if it does not."""
     last = rows[-1]
-    near = np.linalg.norm(rows[:, :2] - last[:2], axis=1)
+    near = np.linalg.norm(rows[:, _PLACE] - last[_PLACE], axis=1)
     turned = np.abs(np.remainder(rows[:, 2] - last[2] + math.pi, 2.0 * math.pi) - math.pi)
-    step = float(np.linalg.norm(np.diff(rows[:, :2], axis=0), axis=1).max())
+    step = float(_steps(rows).max())
     close = (near < max(_CLOSED_M, 0.6 * step)) & (turned < _CLOSED_RAD + 0.05)
     far = np.flatnonzero(~close)
     if len(far) == 0:
@@ -327,15 +353,19 @@ def _lap(rows: Array) -> tuple[int, int]:
     run = earlier[earlier > earlier[-1] - 10]
     period = len(rows) - 1 - int(run[np.argmin(near[run])])
     # the way closes where everything that follows comes again a lap later
-    apart = np.linalg.norm(rows[period:, :2] - rows[:-period, :2], axis=1)
+    apart = np.linalg.norm(rows[period:, _PLACE] - rows[:-period, _PLACE], axis=1)
     still = np.flatnonzero(apart > max(_CLOSED_M, 0.6 * step))
     begin = int(still[-1]) + 1 if len(still) else 0
     return begin, begin + period
 
 
 def _path_graph(parts: list[Array], times: list[Array], after: list[list[int]], width: float) -> Ways:
-    roads = arcs_from_polylines([p[:, :2] for p in parts], after)
-    at = [np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(p[:, :2], axis=0), axis=1))] for p in parts]
+    flies = any(p[:, 3].any() for p in parts)
+    if flies:
+        roads = arcs_from_lanes([[p[:, _PLACE]] for p in parts], after)
+    else:
+        roads = arcs_from_polylines([p[:, :2] for p in parts], after)
+    at = [np.r_[0.0, np.cumsum(_steps(p))] for p in parts]
     entries = np.zeros(len(parts), dtype=bool)
     entries[0] = True
     rows = np.concatenate(parts)
@@ -349,4 +379,5 @@ def _path_graph(parts: list[Array], times: list[Array], after: list[list[int]], 
         entries,
         width,
         anywhere=False,
+        height_m=rows[:, 3] if flies else None,
     )

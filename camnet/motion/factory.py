@@ -12,24 +12,30 @@ from shapely.geometry import LinearRing
 from camnet.errors import WorldError
 from camnet.geometry.settings import Road
 from camnet.motion.curve import ClosedCurve
+from camnet.motion.field_law import build_law
+from camnet.motion.field_motion import build_field
 from camnet.motion.fields import LoopField, PlanarField, WaveField
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.replay import ReplayMotion, TrackPath
 from camnet.motion.road import RoadMotion
 from camnet.motion.road_network import RoadNetwork
-from camnet.motion.settings import RoadTarget, TargetSettings, TrackTarget, VectorFieldTarget
+from camnet.motion.settings import FieldTarget, RoadTarget, TargetSettings, TrackTarget, VectorFieldTarget
 from camnet.motion.track import Track
 from camnet.motion.vector_field import Drive, VectorFieldMotion
 from camnet.types import Array
 
-__all__ = ["build_motion"]
+__all__ = ["HORIZON_S", "build_motion"]
 
 _SETTLE_STEPS = 2000
+#: certificates follow paths for as long
+HORIZON_S = 300.0
 #: what a speed can exceed its samples by, generously
 _BETWEEN_SAMPLES = 1.001
 
 
-def build_motion(target: TargetSettings, roads: Sequence[Road], track: Track | None = None) -> TargetMotion:
+def build_motion(
+    target: TargetSettings, roads: Sequence[Road], track: Track | None = None, horizon_s: float = HORIZON_S
+) -> TargetMotion:
     """Make the motion that ``target`` asks for.
 
     Parameters
@@ -37,9 +43,12 @@ def build_motion(target: TargetSettings, roads: Sequence[Road], track: Track | N
     target : settings of one target
     roads : all roads of the world
     track : the record, for a target of kind ``track`` (the importers read it)
+    horizon_s : for how long the path of a target of kind ``field`` is followed; later it stands
 
     Raises
     ------
+    ConfigError, DataError
+        The law of a target of kind ``field`` is none.
     WorldError
         An unknown or unsuitable road, a start that is nowhere, or motion beyond the target's own bounds.
     """
@@ -48,6 +57,8 @@ def build_motion(target: TargetSettings, roads: Sequence[Road], track: Track | N
         return _vector_field(target, motion, roads)
     if isinstance(motion, RoadTarget):
         return _road(target, motion, roads)
+    if isinstance(motion, FieldTarget):
+        return build_field(target, motion, build_law(motion), horizon_s)
     return _replay(target, motion, track)
 
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from camnet.settings import Finite, NonNegative, Positive, Settings, Vector2, Vector3
 
-__all__ = ["RoadTarget", "TargetClass", "TargetSettings", "TrackTarget", "VectorFieldTarget"]
+__all__ = ["FieldTarget", "RoadTarget", "TargetClass", "TargetSettings", "TrackTarget", "VectorFieldTarget"]
 
 
 class VectorFieldTarget(Settings):
@@ -64,7 +64,37 @@ class TrackTarget(Settings):
     min_speed_mps: NonNegative = 0.05
 
 
-TargetClass = Annotated[VectorFieldTarget | RoadTarget | TrackTarget, Field(discriminator="kind")]
+class FieldTarget(Settings):
+    """A target that follows any law of motion, on the ground or in space; exactly one of four is given.
+
+    ``velocity_mps``: formulas of x, y (z) and t, in metres and seconds, one for each component; two are a target on the
+    ground, three one in space. ``acceleration_mps2``: formulas of the same and of vx, vy (vz), with
+    ``start_velocity_mps``: a projectile, for instance. ``grid``: a CSV with x, y[, z], vx, vy[, vz]. ``entry``:
+    ``module:attribute``, a function from places (n, dimensions) and a time to velocities; with ``start_velocity_mps``
+    from places, velocities and a time to accelerations (``of_time: false`` says that the time does not matter).
+    ``parameters`` are numbers that formulas name.
+
+    It begins at the target's ``start_m``, ``start_height_m`` high; on the ground again (or where the law moves it no
+    more) it stands. ``lipschitz_per_s`` bounds the slope of the velocity over the place: the class that ``learned``
+    certificates of it speak of.
+    """
+
+    kind: Literal["field"]
+    velocity_mps: Annotated[tuple[str | float, ...], Field(min_length=2, max_length=3)] | None = None
+    acceleration_mps2: Annotated[tuple[str | float, ...], Field(min_length=2, max_length=3)] | None = None
+    grid: Path | None = None
+    entry: str | None = None
+    dimensions: Literal[2, 3] = 2
+    of_time: bool | None = None
+    parameters: dict[str, Finite] = Field(default_factory=dict)
+    start_height_m: NonNegative = 0.0
+    start_velocity_mps: Vector3 | Vector2 | None = None
+    lipschitz_per_s: NonNegative | None = None
+
+
+TargetClass = Annotated[
+    VectorFieldTarget | RoadTarget | TrackTarget | FieldTarget, Field(discriminator="kind")
+]
 
 
 class TargetSettings(Settings):

@@ -20,7 +20,7 @@ from camnet.geometry.rotations import look_at, normalise
 from camnet.geometry.settings import CameraModel
 from camnet.geometry.spacing import in_boxes
 from camnet.importers.tracks import load_tracks, only_track
-from camnet.motion.factory import build_motion
+from camnet.motion.factory import HORIZON_S, build_motion
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.settings import TargetSettings, TrackTarget
 from camnet.types import Array, BoolArray
@@ -192,7 +192,8 @@ def _motion(target: TargetSettings, scenario: Scenario) -> TargetMotion:
     track = None
     if isinstance(target.motion, TrackTarget):
         track = only_track(load_tracks(target.motion), str(target.motion.file))
-    return build_motion(target, scenario.roads, track)
+    horizon_s = max(HORIZON_S, scenario.run.duration_s)
+    return build_motion(target, scenario.roads, track, horizon_s)
 
 
 def _marker(target: TargetSettings, number: int, scenario: Scenario) -> Marker | None:

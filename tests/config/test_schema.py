@@ -29,11 +29,14 @@ def fits(value: object, schema: dict[str, Any]) -> bool:
         return False
     match schema.get("type"):
         case "object":
-            known = schema.get("properties", {})
+            known, others = schema.get("properties", {}), schema.get("additionalProperties", False)
             return (
                 isinstance(value, dict)
                 and set(schema.get("required", [])) <= set(value)
-                and all(key in known and fits(item, known[key]) for key, item in value.items())
+                and all(
+                    fits(item, known[key]) if key in known else bool(others) and fits(item, others)
+                    for key, item in value.items()
+                )
             )
         case "array":
             if not isinstance(value, list) or not (

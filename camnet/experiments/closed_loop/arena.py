@@ -25,7 +25,7 @@ from camnet.experiments.world_ways import wander_m
 from camnet.motion.planned import PlannedField, PlannedRoad
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.road import RoadMotion
-from camnet.motion.settings import RoadTarget, TrackTarget
+from camnet.motion.settings import FieldTarget, RoadTarget, TrackTarget
 from camnet.motion.vector_field import VectorFieldMotion
 from camnet.simulation.network import Network
 from camnet.world.description import WorldDescription
@@ -60,10 +60,11 @@ def check_attackable(scenario: Scenario) -> None:
     if not scenario.targets:
         raise ConfigError(f"world {scenario.name!r} has no targets: nobody can break a promise")
     for target in scenario.targets:
-        if isinstance(target.motion, TrackTarget):
+        if isinstance(target.motion, TrackTarget | FieldTarget):
+            what = "a recording" if isinstance(target.motion, TrackTarget) else "a stated law of motion"
             raise ConfigError(
-                f"targets.{target.name}.motion.kind = 'track': a recording chooses nothing; attack targets of kind "
-                "road or vector_field"
+                f"targets.{target.name}.motion.kind = {target.motion.kind!r}: {what} chooses nothing; attack targets "
+                "of kind road or vector_field"
             )
 
 
