@@ -59,12 +59,14 @@ class CameraMotion:
     q_world : (4,) camera frame (x right, y down, z forward) to world
     v_world : (3,) linear velocity in the world frame, m/s
     w_cam : (3,) angular velocity in the camera frame, rad/s
+    cov : (3,3) covariance of x and y, m, and heading, rad, where the agent estimates its own pose; None: it knows it
     """
 
     p_world: Array
     q_world: Array
     v_world: Array
     w_cam: Array
+    cov: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -44,6 +44,7 @@ class FlowTargetClass:
     e0_m : position error when the target is lost
     spread_m : targets leave up to this far to either side of the predicted exit
     source : where e_v comes from: ``deterministic``, ``sampled``, ``statistical`` or ``stated``
+    own_m : what the agent of each view may be off by itself: added to ``e0_m`` of targets that leave it; empty: nothing
     """
 
     v_max_mps: float
@@ -51,6 +52,11 @@ class FlowTargetClass:
     e0_m: float
     spread_m: float = 0.0
     source: str = "stated"
+    own_m: tuple[float, ...] = ()
+
+    def lost_m(self, view: int) -> float:
+        """Return the position error of a target that was lost from ``view``, m."""
+        return self.e0_m + (self.own_m[view] if self.own_m else 0.0)
 
     @property
     def least_mu(self) -> float:
@@ -215,7 +221,7 @@ def _worst(
         tube = error_tube(
             field,
             leave.point + offset * across,
-            target.e0_m + half,
+            target.lost_m(leave.view) + half,
             model_error_mps,
             target.v_max_mps,
             horizon,
@@ -253,7 +259,7 @@ def _entry(
     tube = error_tube(
         field,
         leave.point,
-        target.e0_m,
+        target.lost_m(leave.view),
         target.model_error_mps,
         target.v_max_mps,
         settings.off_max_s,

@@ -32,12 +32,24 @@ def print_certificate(content: dict[str, Any]) -> None:
         if part.get("dwell_times", part["reason"]) != part["reason"]:
             print(f"    dwell times of the estimator: {part['dwell_times']}")
     _print_transitions(content["transitions"])
+    if "own_pose" in content:
+        _print_own_poses(content["own_pose"])
     if "recorded" in content:
         _print_recorded(content["recorded"])
     needed = content.get("required")
     if needed is not None:
         what = "reached" if needed["reached"] else "NOT reached: " + ", ".join(needed["missed"])
         print(f"\nrequired ({', '.join(needed['claims'])}): {what}")
+
+
+def _print_own_poses(own: dict[str, Any]) -> None:
+    for name, a in own["agents"].items():
+        print(
+            f"\nagent {name} without external pose for {a['outage_s']:g} s: off by at most {a['bound_m']:.3g} m (95 %: "
+            f"{a['likely_m']:.3g} m), which leaves {a['radius_left_m']:.3g} m of its view's {a['view_radius_m']:.3g} m"
+        )
+    for name, x in own["exits"].items():
+        print(f"\nagent {name} may leave its region for {x['budget_s']:g} s: {x['verdict']} ({x['reason']})")
 
 
 def _print_recorded(r: dict[str, Any]) -> None:

@@ -79,6 +79,11 @@ EXPERIMENTS = {
         "a target of unknown size that moves, seen now and then (bell2019, ch. 5)",
         6,
     ),
+    "gps-denied": Experiment(
+        "camnet.experiments.gps_denied",
+        "handoffs to and from an agent that dead-reckons in outages of 60 s",
+        20,
+    ),
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
         "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from camnet.config.check_field import field_problems
 from camnet.config.check_geometry import check_geometry, track_problems
+from camnet.config.check_pose import pose_problems
 from camnet.config.check_sizes import size_problems
 from camnet.config.diagnose import Problem, find, raise_problems, show
 from camnet.config.models import Scenario
@@ -40,7 +41,7 @@ def check_scenario(scenario: Scenario, root: Node) -> Scenario:
         A recorded track that cannot be read.
     """
     raise_problems(
-        [*_names(scenario), *_references(scenario), *_numbers(scenario), *size_problems(scenario)], root
+        [*_names(scenario), *_references(scenario), *_numbers(scenario), *pose_problems(scenario), *size_problems(scenario)], root
     )
     _check_tracks(scenario, root)
     return check_geometry(scenario, root)

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from camnet.config.check_pose import exit_problems
 from camnet.config.diagnose import Problem, raise_problems, show
 from camnet.config.models import Agent, Occluder, Scenario
 from camnet.config.models import Region as RegionSettings
@@ -35,6 +36,7 @@ def check_geometry(scenario: Scenario, root: Node) -> Scenario:
     raise_problems(_overlaps(scenario, regions), root, WorldError)
     raise_problems(_room(scenario, regions), root, WorldError)
     by_name = {region.name: region for region in regions}
+    raise_problems(exit_problems(scenario, regions), root, WorldError)
     agents = tuple(_with_start(agent, by_name[agent.region], scenario) for agent in scenario.agents)
     scenario = scenario.model_copy(update={"agents": agents})
     raise_problems(_agents_outside(scenario, by_name), root, WorldError)

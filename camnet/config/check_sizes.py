@@ -68,7 +68,9 @@ def size_problems(scenario: Scenario) -> Iterator[Problem]:
 
 def _log_columns(scenario: Scenario) -> int:
     """Return the columns of the log, as `camnet.simulation.recorder.log_columns` names them."""
-    return 1 + len(scenario.targets) * (16 + 11 * len(scenario.run.estimators)) + 24 * len(scenario.agents)
+    uncertain = sum(a.pose.may_be_lost or a.exit_budget_s > 0.0 for a in scenario.agents)
+    targets = len(scenario.targets) * (16 + 11 * len(scenario.run.estimators))
+    return 1 + targets + 24 * len(scenario.agents) + 7 * uncertain
 
 
 def _learning_bytes(scenario: Scenario) -> float:

@@ -16,6 +16,7 @@ from camnet.control.settings import ControllerSettings
 from camnet.estimation.settings import EstimatorSettings
 from camnet.geometry.settings import CameraModel, FixedPose, Road, Shape
 from camnet.motion.settings import TargetSettings
+from camnet.sensing.own_pose_settings import PoseSource
 from camnet.sensing.settings import SensingSettings
 from camnet.settings import Finite, NonNegative, Positive, Seed, Settings, Vector3
 from camnet.world.settings import PhysicsSettings
@@ -41,13 +42,20 @@ class Region(Settings):
 
 
 class Agent(Settings):
-    """A quadrotor that carries camera ``camera`` (a camera model's name) inside region ``region``."""
+    """A quadrotor that carries camera ``camera`` (a camera model's name) inside region ``region``.
+
+    ``pose`` says where it knows its own pose from. With ``exit_budget_s`` it may follow a target out of its region, at
+    most ``exit_reach_m`` far, and is back within that time.
+    """
 
     name: str
     region: str
     camera: str
     start_m: Vector3 | None = None
     start_yaw_rad: Finite = 0.0
+    pose: PoseSource = PoseSource()
+    exit_budget_s: NonNegative = 0.0
+    exit_reach_m: Positive = 1.0
 
 
 class FixedCamera(Settings):

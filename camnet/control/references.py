@@ -137,6 +137,8 @@ class ReferenceGenerator:
                     f"whose largest inscribed ball has radius {region.inradius_m:g} m"
                 )
         self._regions = tuple(regions)
+        #: how far beyond their regions agents may go now (N,), m
+        self._beyond = np.zeros(len(regions))
         self._detours = dict(detours or {})
         bounds = [RegionBounds.of(r) for r in regions]
         self._paths = {i: Paths(b, self._margin) for i, b in enumerate(bounds) if len(b.polygon)}
@@ -166,6 +168,38 @@ class ReferenceGenerator:
         corners = np.array(boxes)
         return corners[:, 0] + self._margin, corners[:, 1] - self._margin
 
+    def allow(self, i: int, beyond_m: float) -> None:
+        """From now on let agent ``i`` go ``beyond_m`` over the ground beyond its region; 0: it comes back.
+
+        Heights stay as they are. A reference that is beyond when it may no longer be flies back without leave to turn.
+        """
+        change = beyond_m - float(self._beyond[i])
+        if change == 0.0:
+            return
+        self._beyond[i] = beyond_m
+        ends = self._planes[1]
+        planes = self._planes[0][ends[i] : ends[i + 1]]
+        planes[:, 3] += change * np.linalg.norm(planes[:, :2], axis=1)
+        if self._discs[i, 2] > 0.0:
+            self._discs[i, 2] += change
+        if self._inner is not None:
+            self._inner[0][i, :2] -= change
+            self._inner[1][i, :2] += change
+        self._asked[:] = np.nan
+
+    def _near(self, i: int, point: Array) -> Array:
+        """Nearest place to a point that agent ``i`` may fly to."""
+        region, beyond = self._regions[i], float(self._beyond[i])
+        if region is None:
+            return point
+        near = region.project(point, self._margin)
+        if beyond <= 0.0:
+            return near
+        away = point - near
+        far = float(np.linalg.norm(away[:2]))
+        near[:2] += away[:2] * (min(far, beyond) / far if far > 0.0 else 0.0)
+        return near
+
     def start(self, p_world: Array, gaze: Array | None = None) -> ReferenceState:
         """Start at rest at ``p_world`` (N,3), looking along ``gaze`` (N,2; default straight down)."""
         n = len(self._regions)
@@ -186,9 +220,8 @@ class ReferenceGenerator:
                 low, high = self._inner
                 self._goals = np.minimum(np.maximum(setpoints, low), high)
             else:
-                for i, region in enumerate(self._regions):
-                    near = setpoints[i] if region is None else region.project(setpoints[i], self._margin)
-                    self._goals[i] = near
+                for i in range(len(self._regions)):
+                    self._goals[i] = self._near(i, setpoints[i])
             for i, detour in self._detours.items():
                 self._goals[i] = detour.goal(self._goals[i])
         if not self._paths:

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from camnet.errors import ConfigError
+from camnet.estimation.own_pose.considered import ConsideredFilter
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.geometry.rotations_compiled import conjugate, log, multiply
 from camnet.types import PoseMeasurement, TargetEstimate
@@ -53,7 +54,9 @@ class _Frame:
 
 
 def underlying(filter_: TargetFilter) -> TargetFilter:
-    """Return the filter inside a `DelayedFilter`, or the filter itself."""
+    """Return the filter inside a `DelayedFilter` or a `ConsideredFilter`, or the filter itself."""
+    if isinstance(filter_, ConsideredFilter):
+        return underlying(filter_.inner)
     return filter_.settled if isinstance(filter_, DelayedFilter) else filter_
 
 

@@ -233,14 +233,26 @@ class Learner:
         self._gap = _Gap(memory, exit_, entry_s)
 
     def learn(
-        self, t_s: float, p: Array, q: Array, sigma: Array, memory: RegionMemory, motion: Array
+        self,
+        t_s: float,
+        p: Array,
+        q: Array,
+        sigma: Array,
+        memory: RegionMemory,
+        motion: Array,
+        trusted: bool = True,
     ) -> None:
-        """Take a measured pose and its sigma (p,); writes the present ``motion`` (6,) once enough poses are there."""
+        """Take a measured pose and its sigma (p,); writes the present ``motion`` (6,) once enough poses are there.
+
+        Of a pose that is not ``trusted`` only the present motion is taken.
+        """
         history = self._history
         if 3 * (history.count + 1) < self._settings.regression_samples:
             history.push(t_s, p, q)
         else:
             history.push_and_fit(t_s, p, q, motion)
+        if not trusted:
+            return
         window = self._windows.push(t_s, p, q, sigma)
         if window is not None:
             if self.pace is not None and memory.knows(*window):

@@ -31,6 +31,7 @@ from camnet.estimation.gap import EndState
 from camnet.estimation.learner import Learner, RegionMemory
 from camnet.estimation.measured_step import measured_step
 from camnet.estimation.observation import LOST_PERIODS, measured_world_pose
+from camnet.estimation.own_pose.spread import own_spread
 from camnet.estimation.pace import scaled
 from camnet.estimation.propagate import COLUMNS, PRIORS, TWIST_OUTPUTS, UNIT, advance, model_twist, roll_out
 from camnet.estimation.protocol import Rollout
@@ -118,6 +119,7 @@ class LearningEstimator:
         self._exit: EndState | None = None
         self._offset = 0.0
         self._camera: tuple[int, CameraMotion] | None = None
+        self._trusted = True
 
     # --- results -----------------------------------------------------------------------------------------------------
 
@@ -237,6 +239,7 @@ class LearningEstimator:
         t, camera = measurement.t_s, (measurement.camera, measurement.motion)
         memory = self._memory_of(region)
         self._estimate = None
+        trusted = camera[1].cov is None or own_spread(measurement) <= self._settings.learn_within_m
         if self._region >= 0 and t < self._t:
             p, t = p + (self._t - t) * self._twist[0:3], self._t
         if self._region < 0 or t - self._last_seen > LOST_PERIODS * self._dt or memory is not self._memory:
@@ -244,7 +247,7 @@ class LearningEstimator:
                 self._p, self._q, self._t = p.copy(), q.copy(), t
                 memory.take_up(t)
             else:
-                self._resight(t, p, q, memory)
+                self._resight(t, p, q, memory, trusted)
             basis = self._basis
             evaluate(p, q, basis.centres, basis.precision, basis.heading_scale_m, self._sigma)
         else:
@@ -252,7 +255,10 @@ class LearningEstimator:
             self._correct_seen(t, p, q, camera)
         self._camera, self._memory, self._region = camera, memory, region
         self._seen, self._last_seen, self._t = True, t, t
-        self._learner.learn(t, p, q, self._sigma, self._memory, self._prior)
+        if trusted != self._trusted:  # windows hold what was seen from one world alone
+            self._learner.interrupt(t, lost=False)
+            self._trusted, self._p = trusted, p.copy()
+        self._learner.learn(t, p, q, self._sigma, self._memory, self._prior, trusted)
 
     def predict(self, t_s: float) -> None:
         """See ``TargetFilter.predict``."""
@@ -287,7 +293,7 @@ class LearningEstimator:
         p, v = self._p, self._prior
         return float(offset_of(p[0], p[1], v[0], v[1], self._roads))
 
-    def _resight(self, t: float, p: Array, q: Array, memory: RegionMemory) -> None:
+    def _resight(self, t: float, p: Array, q: Array, memory: RegionMemory, trusted: bool) -> None:
         """Take the target up again, after a gap or handed over without one."""
         if self._seen and t - self._last_seen > LOST_PERIODS * self._dt:
             self._lose()
@@ -295,7 +301,7 @@ class LearningEstimator:
         self._advance(t)
         if without_gap:
             self._learner.interrupt(self._last_seen, lost=False)
-        else:
+        elif trusted and self._trusted:
             miss = p - self._p
             self._memory.radius.crossed(math.sqrt(float(miss @ miss)), t - self._last_seen)
             if self._settings.gap.learn_across and self._exit is not None:

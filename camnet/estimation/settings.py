@@ -122,6 +122,8 @@ class EstimatorSettings(Settings):
 
     ``form: twist`` learns [v; w] and multiplies by B(q); ``stacked`` learns the seven rates of the papers.
     ``leakage`` draws weights without data to zero (0: the printed law). ``share`` lets all regions use one model.
+    Nothing is learned from a camera whose own pose puts the target in the world worse than ``learn_within_m`` (standard
+    deviation).
     """
 
     form: Literal["twist", "stacked"] = "twist"
@@ -137,6 +139,7 @@ class EstimatorSettings(Settings):
     boundary_layer: Positive = 0.05
     weight_bound: Positive = 20.0
     reset_on_sighting: bool = True
+    learn_within_m: Positive = 0.05
     regression_samples: Annotated[int, Field(ge=3, le=10_000)] = 20
     basis: BasisSettings = BasisSettings()
     stack: StackSettings = StackSettings()

@@ -303,7 +303,12 @@ def flow_case(
         bounded &= e0 >= sampling_of(network).position_noise_m  # a restart at a measurement is off by as much
         e_v, source = max(model_errors(network, model)), "deterministic" if bounded else "sampled"
     target = FlowTargetClass(
-        network.scenario.targets[0].v_max_mps, e_v, e0, spread_m=settings.corridor_m, source=source
+        network.scenario.targets[0].v_max_mps,
+        e_v,
+        e0,
+        spread_m=settings.corridor_m,
+        source=source,
+        own_m=own_errors(network),
     )
     depth = np.array([ground[j].view.depth(p) for p, j in zip(path, last, strict=True)])
     return FlowCase(
@@ -318,6 +323,13 @@ def flow_case(
         region_agents(network),
         max(on_min_s or 0.0, time_to_settle(network, e0, max(g.radius_m for g in ground))),
     )
+
+
+def own_errors(network: Network) -> tuple[float, ...]:
+    """Return e(T) of each view's agent at the end of its longest outage, m; empty where no agent loses its pose."""
+    if not network.own_poses:
+        return ()
+    return tuple(network.own_error_m(j) for j in range(len(network.regions)))
 
 
 def time_to_settle(network: Network, e0_m: float, radius_m: float) -> float:

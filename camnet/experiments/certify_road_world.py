@@ -101,7 +101,9 @@ def certify_on_roads(
         )
     if model_error_mps is not None:
         e0 = network.scenario.certificate.initial_error_m
-        growth = GrowthModel(ROAD_E0_M if e0 is None else e0, model_error_mps)
+        # whoever loses a target may be off itself
+        own = max((network.own_error_m(j) for j in range(network.n_agents)), default=0.0)
+        growth = GrowthModel((ROAD_E0_M if e0 is None else e0) + own, model_error_mps)
     report, gaps, tables = certify_road_site(
         case.watched.ways.roads,
         None,

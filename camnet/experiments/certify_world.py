@@ -35,6 +35,7 @@ from camnet.motion.settings import FieldTarget, VectorFieldTarget
 from camnet.report.certificate import MapLine
 from camnet.simulation.certificates import feature_extent, network_report
 from camnet.simulation.network import Network, build_network
+from camnet.simulation.own_certificate import own_pose_assumptions, own_pose_report
 from camnet.simulation.sound_settings import sampling_of
 from camnet.types import Array
 
@@ -164,6 +165,9 @@ def _complete(network: Network, parts: dict[str, Certified]) -> Certified:
         "assumptions": [*_assumptions(network), *(f"sound: {words}" for words in dwell["assumptions"])],
         "warnings": [f"camera {c.name} sees none of the ways: {c.reason}" for c in promise.blind],
     }
+    if network.own_poses or network.exits:
+        content["own_pose"] = own_pose_report(network)
+        content["assumptions"] += own_pose_assumptions(network)
     solids = [(occluder.name, occluder.footprint()) for occluder in network.occluders]
     return Certified(with_claims(content, promise), joined.views, joined.lines, promise, solids)
 

@@ -16,6 +16,7 @@ from camnet.certification.growth import PlanarField
 from camnet.config.models import Scenario
 from camnet.errors import ConfigError, DataError
 from camnet.estimation.concurrent_learning import LAYER_SHARE
+from camnet.estimation.delayed import underlying
 from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.estimation.propagate import COLUMNS, UNIT
 from camnet.simulation.loop import NetworkSimulation
@@ -199,7 +200,7 @@ def _follow(
 def _collect(
     simulation: NetworkSimulation, m: int, path: list[tuple[float, float, float, float]]
 ) -> LearnedModel:
-    driving = simulation.driving[m]
+    driving = underlying(simulation.driving[m])
     if not isinstance(driving, LearningEstimator):
         raise ConfigError("only the learning estimator leaves a model behind")
     weights = [driving.model(j).weights.copy() for j in range(len(simulation.network.regions))]

@@ -20,8 +20,9 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
+from camnet.errors import WorldError
 from camnet.geometry import polygon
-from camnet.geometry.polytope import PolytopeRegion, largest_ball
+from camnet.geometry.polytope import PolytopeRegion, largest_ball, polytope_from_halfspaces
 from camnet.geometry.settings import Box, Cylinder, ExtrudedPolygon, Polytope, Shape
 from camnet.geometry.upright import BoxRegion, CylinderRegion, PrismRegion
 from camnet.types import Array, BoolArray
@@ -33,6 +34,7 @@ __all__ = [
     "PrismRegion",
     "Region",
     "build_region",
+    "narrowed",
     "overlaps",
 ]
 
@@ -96,6 +98,45 @@ def build_region(name: str, shape: Shape) -> Region:
             return PolytopeRegion(name, shape.vertices_m)
         case ExtrudedPolygon():
             return PrismRegion(name, shape.vertices_m, shape.z_m)
+
+
+def narrowed(region: Region, depth_m: float) -> Region:
+    """Return the region less ``depth_m`` on the ground at its sides; upright heights stay.
+
+    Raises
+    ------
+    WorldError
+        Nothing is left, or the region is an extruded polygon, which might fall apart.
+    """
+    if depth_m == 0.0:
+        return region
+    low, high = region.bounds
+    wide = (
+        0.5 * float((high - low)[:2].min()) if not isinstance(region, PolytopeRegion) else region.inradius_m
+    )
+    if isinstance(region, PrismRegion):
+        raise WorldError(
+            f"region {region.name!r} is an extruded polygon: an agent that may lose its pose needs a box, a cylinder "
+            "or a "
+            "polytope"
+        )
+    if wide <= depth_m:
+        raise WorldError(
+            f"region {region.name!r} is {wide:.3g} m wide to each side of its middle: an agent whose own position "
+            "may be "
+            f"off by {depth_m:.3g} m at the end of an outage cannot be kept in it; make it wider, the outages "
+            "shorter or "
+            "the stated bounds smaller (pose.bounds)"
+        )
+    if isinstance(region, BoxRegion):
+        side = np.array([depth_m, depth_m, 0.0])
+        return BoxRegion(region.name, tuple(low + side), tuple(high - side))
+    if isinstance(region, CylinderRegion):
+        middle = (float(region.center[0]), float(region.center[1]))
+        return CylinderRegion(region.name, middle, region.radius_m - depth_m, tuple(region.height))
+    assert isinstance(region, PolytopeRegion)
+    sides = depth_m * np.linalg.norm(region.A[:, :2], axis=1)
+    return polytope_from_halfspaces(region.name, region.A, region.b - sides)
 
 
 def overlaps(a: Region, b: Region) -> bool:

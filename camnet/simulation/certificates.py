@@ -19,6 +19,7 @@ from camnet.certification.network import (
     working_radius,
 )
 from camnet.certification.premises import contradictions
+from camnet.errors import CertificateError
 from camnet.estimation.concurrent_learning import LAYER_SHARE
 from camnet.geometry.frustum import Frustum
 from camnet.simulation.network import Network
@@ -44,7 +45,28 @@ def feature_extent(network: Network) -> float:
 
 
 def view_radius(network: Network, camera: int) -> float:
-    """Radius R of the ball about the target that fits a camera's view at working range, less the extent, m."""
+    """Radius of the ball about the target that fits a camera's view at working range, less the extent, m.
+
+    Of an agent that may lose its pose it is ``R - e(T)``, so that ``V_hi = (R - e)^2 / 2``: where it believes its view
+    to be, its view is, but for e(T) (`camnet.certification.outage`).
+
+    Raises
+    ------
+    CertificateError
+        e(T) leaves nothing of R.
+    """
+    whole, own = _whole_radius(network, camera), network.own_error_m(camera)
+    if own >= whole:
+        raise CertificateError(
+            f"agent {network.regions[camera].name!r}: its own position may be off by {own:.3g} m at the end of an "
+            "outage, and "
+            f"its view holds a ball of {whole:.3g} m: shorten its outages or state tighter bounds (pose.bounds)"
+        )
+    return whole - own
+
+
+def _whole_radius(network: Network, camera: int) -> float:
+    """Radius R of a camera that knows where it is, m."""
     model = network.cameras[camera]
     range_m = network.scenario.certificate.working_range_m or _working_range(network, camera)
     half_angle = float(Frustum.from_camera(model).smallest_half_angle())

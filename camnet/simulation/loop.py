@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from camnet.control.sliding_mode import SlidingModeController
 from camnet.copies import ExactCopies
 from camnet.errors import ConfigError
 from camnet.estimation.delayed import DelayedFilter
+from camnet.estimation.own_pose import ConsideredFilter
 from camnet.estimation.persistence import load_models
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.sensing.pose_sensor import PoseSensor
@@ -31,11 +32,13 @@ from camnet.sensing.visibility import VisibilityTest
 from camnet.sensing.vision_sensor import build_sensor
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
+from camnet.simulation.exits import ExitBudgets
 from camnet.simulation.filters import TargetTruth, build_filters
 from camnet.simulation.gaps import GapRecorder, miss
 from camnet.simulation.handoff import HandoffTracker
 from camnet.simulation.models import start_from
 from camnet.simulation.network import Network
+from camnet.simulation.own_pose import OwnPoses
 from camnet.simulation.perception import Perceived, Perceiver
 from camnet.simulation.statistics import RunStatistics
 from camnet.simulation.truth import TruthRecord, truth_of
@@ -98,20 +101,23 @@ class NetworkSimulation(ExactCopies):
     def reset(self, seed: int) -> None:
         """Start again; every generator is derived from ``seed``."""
         scenario, network = self.network.scenario, self.network
-        world_rng, self._sensor_rng = (
-            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2)
+        world_rng, self._sensor_rng, own_rng = (
+            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
         )
         self._record = TruthRecord(self.world.reset(world_rng), _frames_late(scenario.sensing) + 2)
         self.count = 0
         self._controller = SlidingModeController(scenario.controller)
         self._references = ReferenceGenerator(
             scenario.controller,
-            [a.region for a in network.description.agents],
+            network.flight_regions,
             np.array([a.start_yaw_rad for a in network.description.agents]),
             self.control_dt_s,
             network.detours(),
         )
-        self._reference_state = self._references.start(self.snapshot.camera_p_world[: network.n_agents])
+        #: where agents believe to be, if any of them may lose its external pose
+        self.own = self._own_poses(own_rng)
+        self.exits = ExitBudgets(network) if network.exits else None
+        self._reference_state = self._references.start(self.believed_p_world)
         features = [target.features_m for target in network.description.targets]
         self._sensor = build_sensor(scenario.sensing, network.cameras, features, self.world.render)
         self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
@@ -144,7 +150,7 @@ class NetworkSimulation(ExactCopies):
 
     def _build_autopilot(self) -> Autopilot | None:
         """Return what flies the agents in compiled code; None where the parts have to be asked one by one."""
-        world = self.world if isinstance(self.world, Steers) else None
+        world = self.world if isinstance(self.world, Steers) and self.own is None else None
         self._steers = world if world is not None and world.can_steer and self._references.plain else None
         if self.network.n_agents == 0 or self._steers is None:
             return None
@@ -166,8 +172,23 @@ class NetworkSimulation(ExactCopies):
             scenario.roads,
         )
         latency_s = scenario.sensing.latency_s
-        # the oracle asks no measurement
-        return [DelayedFilter(f, latency_s) for f in filters] if latency_s and name != "oracle" else filters
+        if name == "oracle":  # it asks no measurement
+            return filters
+        if latency_s:
+            filters = [DelayedFilter(f, latency_s) for f in filters]
+        return [ConsideredFilter(f) for f in filters] if network.own_poses else filters
+
+    def _own_poses(self, rng: np.random.Generator) -> OwnPoses | None:
+        network = self.network
+        if not network.own_poses:
+            return None
+        return OwnPoses(network.own_poses, network.n_agents, self.control_dt_s, self.snapshot, rng)
+
+    @property
+    def believed_p_world(self) -> Array:
+        """Where the agents' cameras are (N,3), m, as their agents believe."""
+        p_world = self.snapshot.camera_p_world if self.own is None else self.own.p_world
+        return p_world[: self.network.n_agents]
 
     @property
     def snapshot(self) -> Snapshot:
@@ -185,6 +206,8 @@ class NetworkSimulation(ExactCopies):
 
     def advance(self, setpoints: Setpoints) -> None:
         """Run one decision period under constant setpoints."""
+        if self.exits is not None:
+            self.exits.decide(self, self._references)
         if self._autopilot is not None and self._steers is not None:
             self._fly(self._steers, self._autopilot, setpoints)
             return
@@ -220,16 +243,31 @@ class NetworkSimulation(ExactCopies):
                 self._sense()
 
     def _control_step(self, setpoints: Setpoints) -> None:
-        n, before = self.network.n_agents, self.snapshot
+        n, before, own = self.network.n_agents, self.snapshot, self.own
         reference = self._references.reference(self._reference_state)
-        control = self._controller.control(before.camera_p_world[:n], before.camera_q_world[:n], reference)
-        self.snapshot = self.world.step(CameraCommand(control.v_world, control.w_cam, control.a_world))
+        p_world, q_world = before.camera_p_world, before.camera_q_world
+        if own is not None:
+            p_world, q_world = own.p_world, own.q_world
+        control = self._controller.control(p_world[:n], q_world[:n], reference)
+        v_world, a_world = control.v_world, control.a_world
+        if own is not None:
+            v_world, a_world = own.turned_back(v_world), own.turned_back(a_world)
+        self.snapshot = self.world.step(CameraCommand(v_world, control.w_cam, a_world))
         self.count += 1
-        self.disturbance.update(before, self.snapshot, control)
+        if own is not None:
+            own.step(self.snapshot, self.agents_outside())
+        self.disturbance.update(*self._flown(before, p_world, q_world), control)
         self._reference_state = self._references.step(
             self._reference_state, setpoints.p_world, setpoints.gaze_rad
         )
         self.statistics.after_control(self)
+
+    def _flown(self, before: Snapshot, p_world: Array, q_world: Array) -> tuple[Snapshot, Snapshot]:
+        """Both ends of a control period for the monitor, as the agents believe them."""
+        if self.own is None:
+            return before, self.snapshot
+        now = replace(self.snapshot, camera_p_world=self.own.p_world, camera_q_world=self.own.q_world)
+        return replace(before, camera_p_world=p_world, camera_q_world=q_world), now
 
     def reference_p_world(self, j: int) -> Array:
         """Return the present position reference (3,) of agent ``j``, m."""
@@ -257,6 +295,7 @@ class NetworkSimulation(ExactCopies):
         source = getattr(self.driving[0], "bank", None) if self.driving else None
         late = self.network.scenario.sensing.latency_s > 0.0
         alone = len(self.filter_names) == 1 and type(self._sensor) is PoseSensor and not late
+        alone = alone and self.own is None and self.exits is None
         if not (alone and self._rays_clear is None and isinstance(source, Perceiver)):
             return None
         source.connect(self._lookout, self._sensor)
@@ -275,6 +314,8 @@ class NetworkSimulation(ExactCopies):
     def _measure(self, snapshot: Snapshot) -> None:
         """Measure, and advance all estimators of all targets to now."""
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
+        if self.own is not None:
+            measurements = [self.own.as_believed(z) for z in measurements]
         one = len(self.trackers) == 1
         for m in range(len(self.trackers)):
             self._estimate(m, _nearest(measurements if one else [z for z in measurements if z.target == m]))
@@ -283,6 +324,8 @@ class NetworkSimulation(ExactCopies):
         """Take over who is where, and who sees whom."""
         self.visible, self.target_region, self.spacing_m = found.visible, found.region, found.spacing_m
         self._outside, self._seen_by = (snapshot, found.outside), found.seen_by
+        if self.exits is not None and self.exits.sees(snapshot, self._visibility, self.working, self.visible):
+            self._seen_by = first_seers(self.visible)
         if self._rays_clear is not None:
             self._visibility.clear(snapshot, self.visible, self._rays_clear)
             self._seen_by = first_seers(self.visible)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from camnet.certification.outage import OutageBounds, bounds_of
 from camnet.config.models import Agent, FixedCamera, Scenario
 from camnet.control.references import Detour
 from camnet.errors import WorldError
 from camnet.estimation.basis import RbfBasis
 from camnet.estimation.placement import place_basis
 from camnet.geometry.frustum import Frustum
-from camnet.geometry.regions import BoxRegion, CylinderRegion, PolytopeRegion, Region, build_region
+from camnet.geometry.regions import BoxRegion, CylinderRegion, PolytopeRegion, Region, build_region, narrowed
 from camnet.geometry.rotations import look_at, normalise
 from camnet.geometry.settings import CameraModel
 from camnet.geometry.spacing import in_boxes
@@ -23,6 +24,7 @@ from camnet.importers.tracks import load_tracks, only_track
 from camnet.motion.factory import HORIZON_S, build_motion
 from camnet.motion.protocol import TargetMotion
 from camnet.motion.settings import TargetSettings, TrackTarget
+from camnet.sensing.own_pose_settings import PoseSource
 from camnet.types import Array, BoolArray
 from camnet.world.description import AgentSpec, CameraSpec, OccluderSpec, TargetSpec, WorldDescription
 
@@ -107,6 +109,54 @@ class Network:
     def _not_boxes(self) -> tuple[int, ...]:
         return tuple(j for j, region in enumerate(self.regions) if not isinstance(region, BoxRegion))
 
+    @cached_property
+    def own_poses(self) -> dict[int, PoseSource]:
+        """Pose sources of the agents that may lose their external pose, by the agent's number."""
+        agents = enumerate(self.scenario.agents)
+        return {j: a.pose for j, a in agents if a.pose.may_be_lost}
+
+    @cached_property
+    def exits(self) -> dict[int, tuple[float, float]]:
+        """Exit budget, s, and reach, m, of the agents that may leave their regions, by the agent's number."""
+        agents = enumerate(self.scenario.agents)
+        return {j: (a.exit_budget_s, a.exit_reach_m) for j, a in agents if a.exit_budget_s > 0.0}
+
+    @cached_property
+    def outages(self) -> dict[int, OutageBounds]:
+        """Bounds of the own position of the agents that may lose their external pose."""
+        control = self.scenario.controller
+        out = {}
+        for j, source in self.own_poses.items():
+            corners = self.regions[j].footprint()
+            reach = float(np.linalg.norm(corners[:, None] - corners, axis=-1).max())
+            reach += 2.0 * self.exits.get(j, (0.0, 0.0))[1]
+            out[j] = bounds_of(source, reach, control.reference_v_max_mps + control.d_bar_mps)
+        return out
+
+    def outage_s(self, j: int) -> float:
+        """Return the longest time that agent ``j`` can be without external pose, s: an exit may join an outage."""
+        if j not in self.own_poses:
+            return 0.0
+        longest, budget = self.own_poses[j].longest_outage_s, self.exits.get(j, (0.0, 0.0))[0]
+        return longest + (2.0 if longest > 0.0 else 1.0) * budget
+
+    def lost_for_s(self, j: int, t_s: float) -> float | None:
+        """Return since when camera ``j`` is without external pose at ``t_s``, by its outages, s; None: it is not."""
+        source = self.own_poses.get(j)
+        begun = [b for b, end in source.outages_s if b <= t_s < end] if source is not None else []
+        return t_s - begun[0] if begun else None
+
+    def own_error_m(self, j: int) -> float:
+        """Return e(T): how far agent ``j`` can be from where it believes to be after an outage, m."""
+        return self.outages[j].error_m(self.outage_s(j)) if j in self.outages else 0.0
+
+    @cached_property
+    def flight_regions(self) -> tuple[Region, ...]:
+        """Where the agents' believed positions stay: their regions, less e(T) on every side."""
+        return tuple(
+            narrowed(region, self.own_error_m(j)) for j, region in enumerate(self.regions[: self.n_agents])
+        )
+
     @property
     def can_occlude(self) -> bool:
         """Whether anything can come between a camera and a target that it looks at.
@@ -114,7 +164,7 @@ class Network:
         With one target, no occluders and nothing but agents in convex regions of their own, the sight line stays in
         the region and the region holds nobody else.
         """
-        alone = self.n_targets == 1 and not self.occluders and not self.description.cameras
+        alone = self.n_targets == 1 and not self.occluders and not self.description.cameras and not self.exits
         return not (alone and all(isinstance(region, _CONVEX) for region in self.regions))
 
     def detours(self) -> Mapping[int, Detour]:

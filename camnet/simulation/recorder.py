@@ -13,6 +13,8 @@ from camnet.types import Array
 
 __all__ = ["Recorder", "log_columns"]
 
+#: what is logged of an agent that may lose its pose or leave its region
+OWN = ("own_x_m", "own_y_m", "own_error_m", "own_sd_m", "own_turn_rad", "own_lost", "outside_s")
 _XYZ, _WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
 
 
@@ -24,13 +26,20 @@ def _quaternion(who: str, what: str) -> list[str]:
     return [f"{who}.{what}_{axis}" for axis in _WXYZ]
 
 
-def log_columns(agents: Sequence[str], targets: Sequence[str], filters: Sequence[str]) -> list[str]:
+def log_columns(
+    agents: Sequence[str], targets: Sequence[str], filters: Sequence[str], lost: Sequence[str] = ()
+) -> list[str]:
     """Names of the log's columns; positions in m, velocities in m/s, quaternions scalar first, body to world.
 
     ``<target>.region`` and ``<target>.seen_by`` are indices of regions and cameras (-1: none), ``<agent>.role`` is
     0 loiter, 1 intercept, 2 track. ``<target>.off_left_s`` is how long the target may still stay unseen by the
     certificate of the gap it is in, and ``<target>.off_margin_m`` what the certified bound of the error leaves of the
     view's radius (NaN: seen, or nothing is certified); ``<target>.violations`` counts violations of ``sound`` so far.
+
+    Agents in ``lost`` may lose their external pose or leave their regions: ``<agent>.own_x_m``, ``own_y_m`` is where
+    their camera believes to be, ``own_error_m`` how far that is from the truth, ``own_sd_m`` the standard deviation
+    that it states, ``own_turn_rad`` the error of its heading, ``own_lost`` 1 without external pose, ``outside_s`` how
+    long it is truly outside its region.
     """
     columns = ["t_s"]
     for target in targets:
@@ -47,6 +56,8 @@ def log_columns(agents: Sequence[str], targets: Sequence[str], filters: Sequence
         columns += [*_vector(agent, "p", "m"), *_quaternion(agent, "q"), *_vector(agent, "v", "mps")]
         columns += [*_vector(agent, "cam_p", "m"), *_quaternion(agent, "cam_q")]
         columns += [*_vector(agent, "set_p", "m"), *_vector(agent, "ref_p", "m"), f"{agent}.role"]
+        if agent in lost:
+            columns += [f"{agent}.{what}" for what in OWN]
     return columns
 
 
@@ -56,7 +67,9 @@ class Recorder:
     def __init__(self, simulation: NetworkSimulation) -> None:
         self._simulation = simulation
         world = simulation.world
-        self.log = RunLog(log_columns(world.agent_names, world.target_names, simulation.filter_names))
+        self._uncertain = sorted({*simulation.network.own_poses, *simulation.network.exits})
+        lost = [world.agent_names[j] for j in self._uncertain]
+        self.log = RunLog(log_columns(world.agent_names, world.target_names, simulation.filter_names, lost))
 
     def record(self, setpoints: Setpoints, tasks: Sequence[Task]) -> None:
         """Log the present instant, with the setpoints and tasks just decided."""
@@ -97,4 +110,22 @@ class Recorder:
             setpoints.p_world[j],
             s.reference_p_world(j),
             [float(tasks[j].role)],
+            *([self._own(j)] if j in self._uncertain else []),
+        ]
+
+    def _own(self, j: int) -> list[float]:
+        s = self._simulation
+        exits = 0.0 if s.exits is None or j not in s.exits.agents else s.exits.agents[j].outside_s
+        x, y = s.believed_p_world[j, :2].tolist()
+        if s.own is None:
+            return [x, y, 0.0, 0.0, 0.0, 0.0, exits]
+        own = s.own
+        return [
+            x,
+            y,
+            float(own.error_m[j]),
+            own.spread_m(j),
+            float(own.turn_rad[j]),
+            float(own.lost[j]),
+            exits,
         ]

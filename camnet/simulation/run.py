@@ -11,6 +11,7 @@ import numpy as np
 
 from camnet.config.models import Scenario
 from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, track
+from camnet.estimation.own_pose import SIGMAS
 from camnet.estimation.persistence import LearnedModel
 from camnet.simulation.coordination import Role, Task, assign
 from camnet.simulation.handoff import Handoff
@@ -130,9 +131,19 @@ def decide(simulation: NetworkSimulation) -> list[Task]:
 
 def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints:
     """Turn tasks into setpoints."""
-    now, estimates = simulation.snapshot, [f.estimate for f in simulation.driving]
+    estimates = [f.estimate for f in simulation.driving]
+    own, exits, p_world = simulation.own, simulation.exits, simulation.believed_p_world
     chosen = [
-        setpoint_for(simulation.network, j, task, estimates, now.camera_p_world[j], now.t_s)
+        setpoint_for(
+            simulation.network,
+            j,
+            task,
+            estimates,
+            p_world[j],
+            simulation.snapshot.t_s,
+            own_m=0.0 if own is None else SIGMAS * own.spread_m(j),
+            may_leave=exits is not None and exits.free(j),
+        )
         for j, task in enumerate(tasks)
     ]
     p_world = np.array([s.p_world for s in chosen]).reshape(-1, 3)
@@ -140,19 +151,31 @@ def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints
 
 
 def setpoint_for(
-    network: Network, j: int, task: Task, estimates: Sequence[TargetEstimate], camera_p: Array, t_s: float
+    network: Network,
+    j: int,
+    task: Task,
+    estimates: Sequence[TargetEstimate],
+    camera_p: Array,
+    t_s: float,
+    own_m: float = 0.0,
+    may_leave: bool = False,
 ) -> Setpoint:
-    """Turn the task of agent ``j``, whose camera is at ``camera_p`` (3,), into its setpoint."""
-    region, camera, settings = network.regions[j], network.cameras[j], network.scenario.controller
+    """Turn the task of agent ``j``, whose camera is (or is believed to be) at ``camera_p`` (3,), into its setpoint.
+
+    ``own_m`` is the radius of what the agent may be off by: it is added to the ball in which it expects a target that
+    others saw. ``may_leave``: it may follow a target out of its region.
+    """
+    region, camera, settings = network.flight_regions[j], network.cameras[j], network.scenario.controller
     free = network.viewpoints.get(j)  # among occluders alone
     if task.role is Role.TRACK:
         estimate = estimates[task.target]
-        wanted = track(estimate, region, camera, settings, camera_p)
+        wanted = track(estimate, None if may_leave else region, camera, settings, camera_p)
         return wanted if free is None else free.seeing(wanted, estimate.p_world, camera_p)
     if task.role is Role.INTERCEPT and task.entry is not None:
         entry = task.entry
         late_s = t_s - entry.t_s
-        goal = intercept(entry.p_world, entry.v_world, entry.radius_m, region, camera, settings, late_s)
+        radius_m = entry.radius_m + own_m
+        goal = intercept(entry.p_world, entry.v_world, radius_m, region, camera, settings, late_s)
         left_s = max(-late_s, 0.0)
         if free is None:
             return at_ease(goal, camera_p, settings, left_s)
@@ -166,6 +189,7 @@ def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str
     names = simulation.world.camera_names
     grace = simulation.network.scenario.handoff.grace_s
     seen = bool(np.isfinite(handoff.t_seen_s))
+    lost_for = simulation.network.lost_for_s
     return {
         "target": simulation.world.target_names[handoff.target],
         "from": names[handoff.from_region],
@@ -175,4 +199,6 @@ def _handoff_record(simulation: NetworkSimulation, handoff: Handoff) -> dict[str
         "seen_s": handoff.t_seen_s if seen else None,
         "delay_s": handoff.delay_s if seen else None,
         "completed": handoff.completed(grace),
+        "from_lost_for_s": lost_for(handoff.from_region, handoff.t_lost_s),
+        "to_lost_for_s": lost_for(handoff.to_region, handoff.t_enter_s),
     }

@@ -12,6 +12,7 @@ from camnet.certification.network import DwellCertificates
 from camnet.estimation.delayed import underlying
 from camnet.estimation.protocol import Learns, TargetFilter
 from camnet.simulation.metrics import ErrorRecord, delay_summary
+from camnet.simulation.outages import OutageMonitor
 from camnet.types import Snapshot
 from camnet.world.protocol import Flown
 
@@ -51,7 +52,10 @@ class RunStatistics:
         self.region_exits = 0
         self.effort = 0.0
         self.least_distance_m = math.inf
+        #: what becomes of agents' own poses, where any may be lost
+        self.outages = OutageMonitor(network) if network.own_poses else None
         self._outside = np.zeros(network.n_agents, dtype=bool)
+        self._must_stay = np.array([j not in network.exits for j in range(network.n_agents)], dtype=bool)
         self._touching: set[tuple[str, str]] = set()
         self._seen = self._senses = 0
 
@@ -109,6 +113,11 @@ class RunStatistics:
 
     def _count_agents(self, simulation: NetworkSimulation) -> None:
         outside = simulation.agents_outside()
+        if simulation.exits is not None:
+            simulation.exits.watch(simulation.snapshot.t_s, outside)
+            outside = outside & self._must_stay
+        if self.outages is not None and simulation.own is not None:
+            self.outages.watch(simulation.snapshot.t_s, simulation.own)
         if True in outside.tolist():
             self.region_exits += int(np.count_nonzero(outside & ~self._outside))
         self._outside = outside

@@ -32,10 +32,21 @@ def summarise(simulation: NetworkSimulation, wall_s: float, interrupted: bool) -
             target: _finite(filter_.diagnostics())
             for target, filter_ in zip(simulation.world.target_names, simulation.driving, strict=True)
         },
+        **_own_poses(simulation),
         "simulated_s": simulated_s,
         "interrupted": interrupted,
         "real_time_factor": simulated_s / wall_s if wall_s > 0 else None,
     }
+
+
+def _own_poses(simulation: NetworkSimulation) -> dict[str, Any]:
+    """Return what came of own poses and exit budgets; nothing where no agent has such."""
+    out: dict[str, Any] = {}
+    if simulation.statistics.outages is not None:
+        out["own_pose"] = simulation.statistics.outages.summary()
+    if simulation.exits is not None:
+        out["exits"] = simulation.exits.summary()
+    return out
 
 
 def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:

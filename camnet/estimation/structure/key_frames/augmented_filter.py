@@ -38,7 +38,16 @@ import numpy as np
 from camnet.compiled import cached_njit
 from camnet.types import Array, BoolArray, IntArray
 
-__all__ = ["FilterEvents", "FilterNoise", "FilterRun", "run_filter"]
+__all__ = [
+    "FilterEvents",
+    "FilterNoise",
+    "FilterRun",
+    "clone_pose",
+    "predict_state",
+    "run_filter",
+    "take_landmark",
+    "take_rotation",
+]
 
 #: fixed part of the state, numbers of a clone
 _FIXED, _CLONE = 6, 3
@@ -138,11 +147,11 @@ def run_filter(t_s: Array, speed: Array, rate: Array, events: FilterEvents, nois
         if t > 0:
             dt = t_s[t] - t_s[t - 1]
             white += (noise.gyro_noise * dt) ** 2
-            _predict(
+            predict_state(
                 x, p, n, dt, speed[t - 1], speed[t], rate[t - 1], rate[t], noise, multiplier, slip, slips
             )
         if not math.isnan(e.turn[t]) and number >= 0:
-            multiplier = _rotation(
+            multiplier = take_rotation(
                 x, p, n, clones[number], e.turn[t], e.turn_sd[t], white, multiplier, means, noise
             )
         if e.revisit[t] >= 0 and clones[e.revisit[t]] >= 0:
@@ -150,7 +159,7 @@ def run_filter(t_s: Array, speed: Array, rate: Array, events: FilterEvents, nois
             slip *= _revisit(x, p, n, k, e.revisit_pose[t], e.revisit_cov[t], slips)
         out.before[t], out.before_cov[t] = x[:3], p[:3, :3]
         if e.landmark[t] and t > 0:
-            slip *= _landmark(x, p, n, e.landmark_pose[t], noise, slips)
+            slip *= take_landmark(x, p, n, e.landmark_pose[t], noise, slips)
         slip = min(max(slip, 1.0 / noise.adapt_most), noise.adapt_most)
         if e.keep[t]:
             kept = True
@@ -160,7 +169,7 @@ def run_filter(t_s: Array, speed: Array, rate: Array, events: FilterEvents, nois
                 clones[number] = -1
             number, kept, white = number + 1, False, 0.0
             clones[number] = n
-            _clone(x, p, n)
+            clone_pose(x, p, n)
             n += _CLONE
         out.pose[t], out.pose_cov[t] = x[:3], p[:3, :3]
         out.odometry[t] = x[3:6]
@@ -171,10 +180,11 @@ def run_filter(t_s: Array, speed: Array, rate: Array, events: FilterEvents, nois
 
 
 @cached_njit
-def _predict(
+def predict_state(
     x: Array, p: Array, n: int, dt: float, v_then: Array, v_now: Array, w_then: float, w_now: float,
     noise: FilterNoise, multiplier: float, slip: float, slips: Array,
 ) -> None:  # fmt: skip
+    """Dead-reckon the first ``n`` of the state and its covariance over ``dt`` s."""
     w = (0.5 * (w_then + w_now) - x[4]) / (1.0 + x[5])
     middle = x[2] + 0.5 * dt * w
     c, s = math.cos(middle), math.sin(middle)
@@ -205,7 +215,7 @@ def _predict(
 
 
 @cached_njit
-def _clone(x: Array, p: Array, n: int) -> None:
+def clone_pose(x: Array, p: Array, n: int) -> None:
     """Append the pose to the state."""
     x[n : n + _CLONE] = x[:_CLONE]
     p[n : n + _CLONE, :n] = p[:_CLONE, :n]
@@ -225,7 +235,7 @@ def _update(x: Array, p: Array, n: int, h: Array, innovation: Array, inverse: Ar
 
 
 @cached_njit
-def _rotation(
+def take_rotation(
     x: Array, p: Array, n: int, clone: int, turn: float, turn_sd: float, white: float, multiplier: float,
     means: Array, noise: FilterNoise,
 ) -> float:  # fmt: skip
@@ -271,7 +281,7 @@ def _wrapped(angle: float) -> float:
 
 
 @cached_njit
-def _landmark(x: Array, p: Array, n: int, pose: Array, noise: FilterNoise, slips: Array) -> float:
+def take_landmark(x: Array, p: Array, n: int, pose: Array, noise: FilterNoise, slips: Array) -> float:
     """Take a landmark's pose; return the factor for the variance of slip."""
     h = np.zeros((3, n))
     h[0, 0] = h[1, 1] = h[2, 2] = 1.0
