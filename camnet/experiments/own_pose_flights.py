@@ -62,8 +62,8 @@ def _fly(source: PoseSource, way: Callable[[Array], Array], rng: np.random.Gener
     """Fly once and return the errors at the marks, m."""
     model, errors = own_model(source, _DT_S), draw_errors(source, rng)
     count = round((_BEFORE_S + MARKS_S[-1]) / _DT_S)
-    t = _DT_S * np.arange(count + 1)
-    poses = np.column_stack([way(t), np.zeros(count + 1)]).astype(np.float64)
+    t: Array = _DT_S * np.arange(count + 1, dtype=np.float64)
+    poses = np.column_stack([way(t), np.zeros(count + 1)])
     draws = rng.standard_normal((count + 1, 6))
     x, cov = np.zeros(9), np.zeros((9, 9))
     start_own(x, cov, model, poses[0], draws[0, 3:])
