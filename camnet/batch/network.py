@@ -175,12 +175,14 @@ def _refuse(network: Network) -> None:
     for agent in scenario.agents:
         if agent.exit_budget_s > 0.0:
             raise ConfigError(
-                f"agent {agent.name!r} has exit_budget_s = {agent.exit_budget_s:g}: agents of the batch back end stay in "
+                f"agent {agent.name!r} has exit_budget_s = {agent.exit_budget_s:g}: agents of the batch back end "
+                "stay in "
                 "their regions (0)"
             )
         if agent.pose.may_be_lost:
             raise ConfigError(
-                f"agent {agent.name!r} has pose.source = {agent.pose.source!r}: the batch back end flies by external poses "
+                f"agent {agent.name!r} has pose.source = {agent.pose.source!r}: the batch back end flies by external "
+                "poses "
                 "only"
             )
     for j, region in enumerate(network.regions):

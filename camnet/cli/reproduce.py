@@ -84,6 +84,11 @@ EXPERIMENTS = {
         "handoffs to and from an agent that dead-reckons in outages of 60 s",
         20,
     ),
+    "unknown-size": Experiment(
+        "camnet.experiments.unknown_size",
+        "the size of a vehicle that an agent follows, by the agent's own motion",
+        10,
+    ),
     "pedestrians": Experiment(
         "camnet.experiments.pedestrians",
         "real people, ETH/UCY: 3.2 s seen, 4.8 s predicted (--data)",

@@ -41,7 +41,14 @@ def check_scenario(scenario: Scenario, root: Node) -> Scenario:
         A recorded track that cannot be read.
     """
     raise_problems(
-        [*_names(scenario), *_references(scenario), *_numbers(scenario), *pose_problems(scenario), *size_problems(scenario)], root
+        [
+            *_names(scenario),
+            *_references(scenario),
+            *_numbers(scenario),
+            *pose_problems(scenario),
+            *size_problems(scenario),
+        ],
+        root,
     )
     _check_tracks(scenario, root)
     return check_geometry(scenario, root)

@@ -28,7 +28,9 @@ def pose_problems(scenario: Scenario) -> Iterator[Problem]:
                 advice = "an outage is [from, to] in seconds, and ends after it began"
                 yield Problem((*path, "outages_s", k), show([begin, end]), advice)
             elif k > 0 and begin <= before:
-                advice = f"begins before the one before it has ended ({before:g} s): give them in order, apart"
+                advice = (
+                    f"begins before the one before it has ended ({before:g} s): give them in order, apart"
+                )
                 yield Problem((*path, "outages_s", k), show([begin, end]), advice)
             before = max(before, end)
         yield from _rates(path, agent, scenario)
@@ -54,7 +56,9 @@ def exit_problems(scenario: Scenario, regions: Sequence[Region]) -> Iterator[Pro
         wide = shapely.Polygon(region.footprint()).buffer(agent.exit_reach_m)
         for other in regions:
             if other is not region and wide.distance(shapely.Polygon(other.footprint())) <= 0.0:
-                advice = f"reaches into region {other.name!r}: agents that meet there may collide; make it shorter"
+                advice = (
+                    f"reaches into region {other.name!r}: agents that meet there may collide; make it shorter"
+                )
                 yield Problem(path, show(agent.exit_reach_m), advice)
         if scenario.occluders:
             advice = "agents leave their regions in the open only: this world has occluders; set exit_budget_s to 0"

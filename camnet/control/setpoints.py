@@ -22,11 +22,14 @@ __all__ = [
     "LEAST_SPEED_MPS",
     "PUNCTUAL",
     "REPOSE_S",
+    "SWAY_M",
+    "SWAY_S",
     "Setpoint",
     "at_ease",
     "half_angle",
     "intercept",
     "loiter",
+    "sway",
     "track",
     "working_height",
 ]
@@ -38,6 +41,8 @@ LEAST_SPEED_MPS = 0.1
 #: speed of climbing or sinking to the working height while the target is in view, m/s
 CLIMB_MPS = 0.15
 _HALF_ANGLES_KEPT = 256
+#: circle about a target of unknown size, m, and time for it, s
+SWAY_M, SWAY_S = 0.8, 7.0
 #: how far ahead of a tracked target the camera is sent, s: about the lag of the references
 LEAD_S = 0.5
 
@@ -126,6 +131,16 @@ def track(
         step = CLIMB_MPS / settings.reference_position_gain_per_s
         p = np.array([p[0], p[1], camera_p[2] + min(max(p[2] - camera_p[2], -step), step)])
     return Setpoint(p, _look_from(camera_p, estimate.p_world, settings))
+
+
+def sway(setpoint: Setpoint, t_s: float, region: Region | None, settings: ControllerSettings) -> Setpoint:
+    """Go round a setpoint, ``SWAY_M`` away, once in ``SWAY_S``: a camera that moves otherwise than its target.
+
+    Who moves as the target does learns nothing of its size. The gaze stays on the target.
+    """
+    a = 2.0 * math.pi * t_s / SWAY_S
+    p = setpoint.p_world + SWAY_M * np.array([math.cos(a), math.sin(a), 0.0])
+    return Setpoint(p if region is None else region.project(p, settings.region_margin_m), setpoint.gaze)
 
 
 def loiter(region: Region, camera: CameraModel, settings: ControllerSettings) -> Setpoint:

@@ -101,7 +101,9 @@ class TargetSettings(Settings):
     """One target.
 
     ``features_m`` are the points, in the target's body frame (x forward, z up), that must all be in view.
-    ``size_m`` is its collision box. ``v_max_mps`` and ``w_max_radps`` bound its motion.
+    ``size_m`` is its collision box. ``v_max_mps`` and ``w_max_radps`` bound its motion. Where ``assumed_size`` is given
+    the agents do not know how large the target is: they take it for so many times as large as it is, and learn its size
+    from their own motion.
     """
 
     name: str
@@ -115,5 +117,6 @@ class TargetSettings(Settings):
         (-0.12, -0.12, 0.3),
         (-0.12, 0.12, 0.3),
     )
+    assumed_size: Annotated[float, Field(ge=0.2, le=5.0, allow_inf_nan=False)] | None = None
     v_max_mps: Positive = 0.6
     w_max_radps: Positive = 1.5

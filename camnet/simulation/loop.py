@@ -25,6 +25,7 @@ from camnet.estimation.delayed import DelayedFilter
 from camnet.estimation.own_pose import ConsideredFilter
 from camnet.estimation.persistence import load_models
 from camnet.estimation.protocol import Rollout, TargetFilter
+from camnet.estimation.structure.moving.size_from_motion import SizeFromMotion
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.settings import SensingSettings
 from camnet.sensing.survey import Lookout, Survey, first_seers
@@ -118,6 +119,9 @@ class NetworkSimulation(ExactCopies):
         self.own = self._own_poses(own_rng)
         self.exits = ExitBudgets(network) if network.exits else None
         self._reference_state = self._references.start(self.believed_p_world)
+        #: targets of unknown size, by their number
+        targets = enumerate(scenario.targets)
+        self.sizes = {m: SizeFromMotion(t.assumed_size) for m, t in targets if t.assumed_size is not None}
         features = [target.features_m for target in network.description.targets]
         self._sensor = build_sensor(scenario.sensing, network.cameras, features, self.world.render)
         self.disturbance = DisturbanceMonitor(scenario.controller, network.n_agents)
@@ -295,7 +299,7 @@ class NetworkSimulation(ExactCopies):
         source = getattr(self.driving[0], "bank", None) if self.driving else None
         late = self.network.scenario.sensing.latency_s > 0.0
         alone = len(self.filter_names) == 1 and type(self._sensor) is PoseSensor and not late
-        alone = alone and self.own is None and self.exits is None
+        alone = alone and self.own is None and self.exits is None and not self.sizes
         if not (alone and self._rays_clear is None and isinstance(source, Perceiver)):
             return None
         source.connect(self._lookout, self._sensor)
@@ -316,6 +320,10 @@ class NetworkSimulation(ExactCopies):
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         if self.own is not None:
             measurements = [self.own.as_believed(z) for z in measurements]
+        if self.sizes:
+            measurements = [
+                self.sizes[z.target].take(z) if z.target in self.sizes else z for z in measurements
+            ]
         one = len(self.trackers) == 1
         for m in range(len(self.trackers)):
             self._estimate(m, _nearest(measurements if one else [z for z in measurements if z.target == m]))

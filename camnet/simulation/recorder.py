@@ -27,7 +27,11 @@ def _quaternion(who: str, what: str) -> list[str]:
 
 
 def log_columns(
-    agents: Sequence[str], targets: Sequence[str], filters: Sequence[str], lost: Sequence[str] = ()
+    agents: Sequence[str],
+    targets: Sequence[str],
+    filters: Sequence[str],
+    lost: Sequence[str] = (),
+    unsized: Sequence[str] = (),
 ) -> list[str]:
     """Names of the log's columns; positions in m, velocities in m/s, quaternions scalar first, body to world.
 
@@ -39,7 +43,8 @@ def log_columns(
     Agents in ``lost`` may lose their external pose or leave their regions: ``<agent>.own_x_m``, ``own_y_m`` is where
     their camera believes to be, ``own_error_m`` how far that is from the truth, ``own_sd_m`` the standard deviation
     that it states, ``own_turn_rad`` the error of its heading, ``own_lost`` 1 without external pose, ``outside_s`` how
-    long it is truly outside its region.
+    long it is truly outside its region. Of targets in ``unsized``, of unknown size: ``<target>.size`` is what their
+    agents take it for, as a share of the true one, and ``size_sd`` its standard deviation as a share.
     """
     columns = ["t_s"]
     for target in targets:
@@ -48,6 +53,8 @@ def log_columns(
             f"{target}.{what}"
             for what in ("region", "seen_by", "lap", "off_left_s", "off_margin_m", "violations")
         ]
+        if target in unsized:
+            columns += [f"{target}.size", f"{target}.size_sd"]
         for name in filters:
             who = f"{target}.{name}"
             columns += [*_vector(who, "p", "m"), *_quaternion(who, "q"), *_vector(who, "v", "mps")]
@@ -69,7 +76,9 @@ class Recorder:
         world = simulation.world
         self._uncertain = sorted({*simulation.network.own_poses, *simulation.network.exits})
         lost = [world.agent_names[j] for j in self._uncertain]
-        self.log = RunLog(log_columns(world.agent_names, world.target_names, simulation.filter_names, lost))
+        unsized = [world.target_names[m] for m in simulation.sizes]
+        names = (world.agent_names, world.target_names, simulation.filter_names)
+        self.log = RunLog(log_columns(*names, lost, unsized))
 
     def record(self, setpoints: Setpoints, tasks: Sequence[Task]) -> None:
         """Log the present instant, with the setpoints and tasks just decided."""
@@ -89,6 +98,8 @@ class Recorder:
             truth.target_v_world[m],
             [float(s.target_region[m]), float(s.seen_by(m)), float(s.trackers[m].lap), *self._certificate(m)],
         ]
+        if m in s.sizes:
+            parts.append([s.sizes[m].scale, s.sizes[m].sd])
         for name in s.filter_names:
             e = s.filters[name][m].estimate
             parts += [e.p_world, e.q_world, e.v_world, [e.radius_m]]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from camnet.config.models import Scenario
-from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, track
+from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, sway, track
 from camnet.estimation.own_pose import SIGMAS
 from camnet.estimation.persistence import LearnedModel
 from camnet.simulation.coordination import Role, Task, assign
@@ -26,6 +26,8 @@ from camnet.world.pybullet import PyBulletWorld
 
 __all__ = ["RunResult", "open_simulation", "run_network", "setpoint_for", "setpoints_for"]
 
+#: agents sway about a target until they know its size to this share
+KNOWN_SIZE = 0.005
 #: called with the simulated time after every decision
 Progress = Callable[[float], None]
 
@@ -146,6 +148,11 @@ def setpoints_for(simulation: NetworkSimulation, tasks: list[Task]) -> Setpoints
         )
         for j, task in enumerate(tasks)
     ]
+    for j, task in enumerate(tasks):
+        size = simulation.sizes.get(task.target) if task.role is Role.TRACK else None
+        if size is not None and size.sd > KNOWN_SIZE:
+            region, control = simulation.network.flight_regions[j], simulation.network.scenario.controller
+            chosen[j] = sway(chosen[j], simulation.snapshot.t_s, region, control)
     p_world = np.array([s.p_world for s in chosen]).reshape(-1, 3)
     return Setpoints(p_world, np.array([s.gaze for s in chosen]).reshape(-1, 2))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from camnet.estimation.structure.moving.size_from_motion import SizeFromMotion
 from camnet.simulation.certificates import network_report
 from camnet.simulation.gaps import summarise_gaps
 from camnet.simulation.loop import NetworkSimulation
@@ -46,7 +47,21 @@ def _own_poses(simulation: NetworkSimulation) -> dict[str, Any]:
         out["own_pose"] = simulation.statistics.outages.summary()
     if simulation.exits is not None:
         out["exits"] = simulation.exits.summary()
+    if simulation.sizes:
+        names = simulation.world.target_names
+        out["sizes"] = {names[m]: size_record(size) for m, size in simulation.sizes.items()}
     return out
+
+
+def size_record(size: SizeFromMotion) -> dict[str, Any]:
+    """Return what is known of a target's size at the end, as a share of the true one (1: right)."""
+    found = size.estimate
+    return {
+        "assumed": size.assumed,
+        "scale": size.scale if found is not None else None,
+        "sd": size.scale * size.sd if found is not None else None,
+        "sightings": size.sightings,
+    }
 
 
 def _dwell(simulation: NetworkSimulation) -> dict[str, Any]:

@@ -9,7 +9,11 @@ def test_columns_are_those_of_the_recorder_and_shipped_worlds_are_far_from_the_l
     for name in shipped_worlds():
         scenario = load_scenario(name)
         written = log_columns(
-            [a.name for a in scenario.agents], [t.name for t in scenario.targets], scenario.run.estimators
+            [a.name for a in scenario.agents],
+            [t.name for t in scenario.targets],
+            scenario.run.estimators,
+            [a.name for a in scenario.agents if a.pose.may_be_lost or a.exit_budget_s > 0.0],
+            [t.name for t in scenario.targets if t.assumed_size is not None],
         )
         assert _log_columns(scenario) == len(written)
         run = scenario.run.model_copy(update={"duration_s": 10 * scenario.run.duration_s})

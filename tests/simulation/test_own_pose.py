@@ -48,7 +48,9 @@ def test_no_error_of_stated_size_passes_the_bound() -> None:
         # to and fro, or round, within a disc about the start
         rate, size = rng.uniform(0.05, 0.5), rng.uniform(0.3, 1.0) * reach / 2.0
         t = dt * np.arange(1200)
-        path = np.column_stack([size * (1.0 - np.cos(rate * t)), rng.uniform(-1, 1) * size * np.sin(rate * t)])
+        path = np.column_stack(
+            [size * (1.0 - np.cos(rate * t)), rng.uniform(-1, 1) * size * np.sin(rate * t)]
+        )
         path = np.clip(path, -reach, reach)
         if np.abs(np.diff(path, axis=0)).sum(axis=1).max() > speed * dt or np.hypot(*path.T).max() > reach:
             continue
@@ -114,7 +116,9 @@ def test_a_measurement_carries_the_own_pose_error(flown: NetworkSimulation) -> N
     own, now = flown.own, flown.snapshot
     visible = np.zeros((4, 1), dtype=bool)
     visible[0] = True
-    sensor = type(flown._sensor)(flown.network.scenario.sensing.model_copy(update={"position_noise_m": 0.0}), 1, 4)
+    sensor = type(flown._sensor)(
+        flown.network.scenario.sensing.model_copy(update={"position_noise_m": 0.0}), 1, 4
+    )
     (z,) = sensor.measure(now, visible, np.random.default_rng(0))
     reported = own.as_believed(z)
     turn = own.turn_rad[0]
@@ -141,7 +145,9 @@ def test_uncertainty_travels_with_the_handoff(flown: NetworkSimulation) -> None:
     (filter_,) = flown.driving
     assert isinstance(filter_, ConsideredFilter)
     bare, filter_.own_m = filter_.estimate.radius_m, 0.7
-    assert filter_.estimate.radius_m == pytest.approx(bare - 0.0 + 0.7 - (bare - filter_.inner.estimate.radius_m))
+    assert filter_.estimate.radius_m == pytest.approx(
+        bare - 0.0 + 0.7 - (bare - filter_.inner.estimate.radius_m)
+    )
     assert filter_.rollout(5.0, 0.5).radius_m[0] == pytest.approx(
         filter_.inner.rollout(5.0, 0.5).radius_m[0] + 0.7
     )
@@ -172,7 +178,9 @@ def test_the_view_left_by_the_own_error_is_what_is_certified() -> None:
 
 
 def test_what_cannot_be_kept_in_its_region_is_refused() -> None:
-    loose = build_network(load_scenario("quickstart", (*DENIED[:3], "agents.camera_0.pose.velocity.scale=0.2")))
+    loose = build_network(
+        load_scenario("quickstart", (*DENIED[:3], "agents.camera_0.pose.velocity.scale=0.2"))
+    )
     with pytest.raises(WorldError, match="region 'east'.*cannot be kept in it"):
         _ = loose.flight_regions
 

@@ -9,5 +9,6 @@
 | `twist_filter` | causal filter of pose and velocity, its extrapolation (coordinated turn) and its smoother |
 | `acceleration`, `observer` | acceleration model by ICL; the paper's observer and predictor, corrected |
 | `never_at_rest` | scale of targets that never rest: no lateral slip, a known size, a known height |
+| `size_from_motion` | the size of a followed target in the network, while it goes on |
 | `replay` | prediction across gaps by earlier passages, with alternatives where the way forks |
 """
