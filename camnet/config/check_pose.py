@@ -1,4 +1,4 @@
-"""What the types of pose sources and exit budgets cannot say: order of outages, sources that fit, room around regions."""
+"""What types cannot say of pose sources and exit budgets: order of outages, sources that fit, room around regions."""
 
 from __future__ import annotations
 

@@ -103,8 +103,11 @@ def flown() -> NetworkSimulation:
 
 def test_the_controller_flies_on_what_it_believes(flown: NetworkSimulation) -> None:
     own = flown.own
-    assert own is not None and own.lost[0] and not own.lost[1:].any()
-    assert own.error_m[0] > 0.05 and abs(own.turn_rad[0]) > 0.02
+    assert own is not None
+    assert own.lost[0]
+    assert not own.lost[1:].any()
+    assert own.error_m[0] > 0.05
+    assert abs(own.turn_rad[0]) > 0.02
     reference = flown.reference_p_world(0)
     believed = np.linalg.norm(own.p_world[0] - reference)
     true = np.linalg.norm(flown.snapshot.camera_p_world[0] - reference)
@@ -174,14 +177,15 @@ def test_the_view_left_by_the_own_error_is_what_is_certified() -> None:
     assert view_radius(denied, 0) == pytest.approx(view_radius(known, 0) - e)
     assert view_radius(denied, 1) == view_radius(known, 1)
     low, high = denied.flight_regions[0].bounds
-    assert np.allclose(low[:2], known.regions[0].bounds[0, :2] + e) and high[2] == 3.5
+    assert np.allclose(low[:2], known.regions[0].bounds[0, :2] + e)
+    assert high[2] == 3.5
 
 
 def test_what_cannot_be_kept_in_its_region_is_refused() -> None:
     loose = build_network(
         load_scenario("quickstart", (*DENIED[:3], "agents.camera_0.pose.velocity.scale=0.2"))
     )
-    with pytest.raises(WorldError, match="region 'east'.*cannot be kept in it"):
+    with pytest.raises(WorldError, match=r"region 'east'.*cannot be kept in it"):
         _ = loose.flight_regions
 
 
@@ -207,5 +211,6 @@ def test_runs_of_one_seed_are_alike_and_others_keep_their_noise() -> None:
     assert np.array_equal(first.log.values, second.log.values, equal_nan=True)
     columns = first.log.columns
     lost = first.log.values[:, columns.index("camera_0.own_lost")]
-    assert lost[0] == 0.0 and lost[-1] == 1.0
+    assert lost[0] == 0.0
+    assert lost[-1] == 1.0
     assert "camera_1.own_lost" not in columns
