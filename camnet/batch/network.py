@@ -172,19 +172,12 @@ def _refuse(network: Network) -> None:
         raise ConfigError(
             f"sensing.latency_s = {scenario.sensing.latency_s}: the batch back end senses without latency (0)"
         )
-    for agent in scenario.agents:
-        if agent.exit_budget_s > 0.0:
-            raise ConfigError(
-                f"agent {agent.name!r} has exit_budget_s = {agent.exit_budget_s:g}: agents of the batch back end "
-                "stay in "
-                "their regions (0)"
-            )
-        if agent.pose.may_be_lost:
-            raise ConfigError(
-                f"agent {agent.name!r} has pose.source = {agent.pose.source!r}: the batch back end flies by external "
-                "poses "
-                "only"
-            )
+    if network.uncertain:
+        raise ConfigError(
+            f"world {scenario.name!r}: {network.uncertain}: agents of the batch back end know their poses and the "
+            "targets' "
+            "sizes, and stay in their regions"
+        )
     for j, region in enumerate(network.regions):
         known = (BoxRegion, CylinderRegion) if j < network.n_agents else (BoxRegion, PolytopeRegion)
         if not isinstance(region, known):

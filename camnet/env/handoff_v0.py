@@ -340,6 +340,12 @@ class HandoffEnv(ExactCopies, ParallelEnv[str, Observation, Action]):
 def _open_simulation(scenario: Scenario, filter_name: str) -> NetworkSimulation:
     """Build network and world; the learning estimator is in rows of arrays where its settings allow."""
     network = build_network(scenario)
+    if network.uncertain:
+        raise ConfigError(
+            f"world {scenario.name!r}: {network.uncertain} is for camnet simulate and certify; the environment's "
+            "agents know "
+            "their poses and the targets' sizes, and stay in their regions"
+        )
     makers = {"learned": RowFilters()} if filter_name == "learned" and rows_can(network) else {}
     world = PyBulletWorld(network.description)
     return NetworkSimulation(network, world, (filter_name,), scenario.seed, makers)

@@ -121,6 +121,19 @@ class Network:
         agents = enumerate(self.scenario.agents)
         return {j: (a.exit_budget_s, a.exit_reach_m) for j, a in agents if a.exit_budget_s > 0.0}
 
+    @property
+    def uncertain(self) -> str:
+        """The first setting by which an agent may be wrong about itself or its target, or may leave; empty: none."""
+        for i, agent in enumerate(self.scenario.agents):
+            if agent.pose.may_be_lost:
+                return f"agents[{i}].pose.source = {agent.pose.source!r}"
+            if agent.exit_budget_s > 0.0:
+                return f"agents[{i}].exit_budget_s = {agent.exit_budget_s:g}"
+        for i, target in enumerate(self.scenario.targets):
+            if target.assumed_size is not None:
+                return f"targets[{i}].assumed_size = {target.assumed_size:g}"
+        return ""
+
     @cached_property
     def outages(self) -> dict[int, OutageBounds]:
         """Bounds of the own position of the agents that may lose their external pose."""

@@ -214,3 +214,15 @@ def test_runs_of_one_seed_are_alike_and_others_keep_their_noise() -> None:
     assert lost[0] == 0.0
     assert lost[-1] == 1.0
     assert "camera_1.own_lost" not in columns
+
+
+@pytest.mark.parametrize("world", ["gps_denied", "unknown_size"])
+def test_environment_and_batch_back_end_refuse_by_name(world: str) -> None:
+    from camnet.batch.network import Shown, pack_network
+    from camnet.env import handoff_v0
+
+    with pytest.raises(ConfigError, match=r"agents\[0\].pose.source|targets\[0\].assumed_size"):
+        handoff_v0.parallel_env(world=world)
+    network = build_network(load_scenario(world, ("sensing.level=pose",)))
+    with pytest.raises(ConfigError, match=r"agents\[0\].pose.source|targets\[0\].assumed_size"):
+        pack_network(network, Shown(0.5, 1, 10.0, (0, 0, 0, 0, 0, 0), False, 10.0))
