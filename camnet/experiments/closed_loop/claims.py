@@ -164,9 +164,15 @@ def claims_of_report(report: dict[str, Any], source: str = "certificate") -> Cla
 
 
 def _ways(report: dict[str, Any]) -> tuple[tuple[str, str, float], ...]:
-    """Return the longest stretch out of view from each region to each that follows, those without end left out."""
+    """Return the longest stretch out of view from each region to each that follows, those without end left out.
+
+    Behind a learned flow the target is seen again where its whole ball is in the next region: later than the gap ends.
+    Nothing is promised there but the longest of all.
+    """
     longest: dict[tuple[str, str], float] = {}
     for entry in report["transitions"]:
+        if "seen_again_s" in entry.get("learned", {}):
+            return ()
         pair, length = (entry["from"], entry["to"]), entry["longest_m"]
         longest[pair] = max(longest.get(pair, 0.0), math.inf if length is None else float(length))
     return tuple((a, b, length) for (a, b), length in longest.items() if math.isfinite(length))
