@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,8 @@ __all__ = ["Placement", "Repair", "place_cameras", "smallest_repairs", "usable_c
 _IMPROVE_SHARE, _NEIGHBOURS = 0.45, 0.25
 #: fewest candidates of a neighbourhood, most candidates, and the longest time for it, s
 _LEAST_NEIGHBOURS, _MOST_NEIGHBOURS, _NEIGHBOURHOOD_S = 20, 200, 5.0
+#: longest time for a choice where the greedy one gets stuck, s
+_STUCK_S = 30.0
 #: neighbourhoods in a row without a gain after which the second stage ends
 _PATIENCE = 40
 
@@ -92,6 +94,7 @@ def place_cameras(
     *,
     standing: IntArray | None = None,
     survive: int = 0,
+    at_most: Sequence[tuple[IntArray, int]] = (),
     exact_limit: int = 3000,
     time_limit_s: float = 60.0,
     seed: int = 0,
@@ -109,6 +112,7 @@ def place_cameras(
     standing : candidates that are there already: they always see, are never chosen and cost nothing
     survive : the set certifies the network after any so many of its cameras fail, standing ones too: every way that is
         too long needs so many cameras more
+    at_most : sets of candidates of which so many may be chosen at most: positions of one camera
     exact_limit : lower bound by integer programming up to this many candidates, by linear programming beyond
     time_limit_s : processor time for improvement and bound; a first certified set is found whatever it takes
     seed : of the neighbourhoods' order
@@ -121,7 +125,14 @@ def place_cameras(
     """
     weight = np.ones(n_candidates) if costs is None else np.asarray(costs, dtype=float)
     search = _Search(
-        roads, usable_coverage(roads, candidates, least_view_m), weight, limit_m, standing, survive, progress
+        roads,
+        usable_coverage(roads, candidates, least_view_m),
+        weight,
+        limit_m,
+        standing,
+        survive,
+        at_most,
+        progress,
     )
     search.check(n_candidates)
     search.first()
@@ -151,6 +162,7 @@ class _Search:
         limit_m: float,
         standing: IntArray | None,
         survive: int,
+        at_most: Sequence[tuple[IntArray, int]],
         progress: Callable[[float], None] | None,
     ) -> None:
         self._begun = time.process_time()
@@ -158,7 +170,7 @@ class _Search:
         self._search = WaySearch(roads, usable, limit_m, standing)
         self._survive = survive
         self._whole_costs = bool(np.allclose(weight, np.round(weight)))
-        self.problem = HittingSet(weight)
+        self.problem = HittingSet(weight, at_most)
         self.best: IntArray = np.array([], dtype=np.int64)
         self.lower, self.rounds = 0.0, 0
         self._places = np.full((len(weight), 2), np.inf)
@@ -202,12 +214,25 @@ class _Search:
         """Add candidates to a set until it is certified, then drop those that are not needed, the dearest first."""
         while ways := self._search.violations(chosen, self._survive):
             self._learn(ways)
-            chosen = self.problem.greedy(chosen.tolist())
+            chosen = self._completed(chosen)
         for camera in chosen[np.argsort(-self._weight[chosen], kind="stable")].tolist():
             fewer = chosen[chosen != camera]
             if not self._search.violations(fewer, self._survive):
                 chosen = fewer
         return chosen
+
+    def _completed(self, chosen: IntArray) -> IntArray:
+        """Complete a set greedily; where bounds get in the way, choose anew by the integer programme."""
+        try:
+            return self.problem.greedy(chosen.tolist())
+        except ValueError:
+            found = self.problem.exact(_STUCK_S, 0.05)
+        if found is None:
+            raise CertificateError(
+                "no choice was found that keeps the limit, as each camera that stands can be at one place, in one "
+                "direction, alone: allow more out of view, or more mounts and cameras in the catalogue"
+            )
+        return found[0]
 
     def improve(self, until_s: float, rng: np.random.Generator) -> None:
         """Choose the cameras of neighbourhoods anew as long as that helps."""

@@ -2,9 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from pydantic import Field
+
 from camnet.settings import NonNegative, Positive, Settings
 
-__all__ = ["CertificateSettings"]
+__all__ = ["CertificateSettings", "DetectionSettings"]
+
+
+class DetectionSettings(Settings):
+    """When a target in view of a fixed camera counts as seen: ``count`` detections with probability ``confidence``.
+
+    A camera takes ``rate_hz`` frames in a second, each of which shows the target to its detector with ``probability``,
+    one by one; ``latency_s`` is how late a detection is known.
+    """
+
+    rate_hz: Positive
+    probability: Annotated[float, Field(gt=0.0, le=1.0)]
+    count: Annotated[int, Field(ge=1, le=1000)] = 1
+    confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.99
+    latency_s: NonNegative = 0.0
 
 
 class CertificateSettings(Settings):
@@ -23,7 +41,8 @@ class CertificateSettings(Settings):
     that it learned from a target may be. ``position_error_m`` and ``orientation_error_rad`` bound the error of a
     measured pose; ``None``: five standard deviations on every axis where the world states them (level ``pose``).
     ``field_slope_per_s`` bounds the Lipschitz constant of the target's own law in the corridor, with which e_v is a
-    bound between the points too at which it is taken.
+    bound between the points too at which it is taken. ``detection`` says when a target in view counts as seen;
+    ``None``: at once.
     """
 
     eps_bar: NonNegative = 0.01
@@ -38,3 +57,4 @@ class CertificateSettings(Settings):
     position_error_m: NonNegative | None = None
     orientation_error_rad: NonNegative | None = None
     field_slope_per_s: NonNegative | None = None
+    detection: DetectionSettings | None = None

@@ -14,7 +14,7 @@ from camnet.cli.certify_print import print_certificate
 from camnet.cli.common import add_common, positive, say, warn
 from camnet.cli.inputs import learned_model, read_tracks, world_of
 from camnet.cli.output import output_folder, print_json, write_json
-from camnet.cli.target_arguments import add_pixel_class, add_target_class
+from camnet.cli.target_arguments import add_detections, add_pixel_class, add_target_class, detections
 from camnet.cli.traffic import kept, print_check
 
 __all__ = ["CLAIMS", "add_parser", "claimed"]
@@ -95,6 +95,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     )
     add_pixel_class(site, "cameras see as far as they have the pixels of this class, in place of --range")
     promise = parser.add_argument_group("the promise")
+    add_detections(promise)
     promise.add_argument(
         "--targets",
         type=_count,
@@ -194,13 +195,15 @@ def _asked_error(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported la
 def _world(args: argparse.Namespace) -> tuple[Any, Any]:
     from camnet.errors import ConfigError
     from camnet.experiments.certify_world import certify_world
-    from camnet.experiments.restate import restate_class, restate_pixels
+    from camnet.experiments.restate import restate_class, restate_detection, restate_pixels
     from camnet.motion.settings import RoadTarget
 
     scenario = world_of(args)
     if args.pixel_class is not None:
         scenario = restate_pixels(scenario, args.pixel_class)
     scenario = restate_class(scenario, v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
+    if args.detections is not None:
+        scenario = restate_detection(scenario, detections(args.detections))
     roads = any(isinstance(t.motion, RoadTarget) for t in scenario.targets)
     if args.model_error is not None and not (roads or args.learn or args.model):
         raise ConfigError(

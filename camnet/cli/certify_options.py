@@ -16,6 +16,7 @@ _USED_BY = {
     "duration": ("world",),
     "seed": ("world",),
     "targets": ("world",),
+    "detections": ("world",),
     "tracks": ("site",),
     "fix_error": ("site",),
     "origin": ("site",),

@@ -28,6 +28,7 @@ _DESCRIPTION = """Design a network of cameras over roads, over recorded ways of 
   camnet design --roads NET.xml --repair CAMERAS.csv     single changes that certify each uncertified transition
   camnet design --tracks people.csv --off-max 20         nobody of a track set (CSV, or ETH/UCY .txt) unseen for 20 s
   camnet design WORLD --mounts walls:2,5 --off-max 30    cameras on a site's walls, the cheapest of a catalogue
+  camnet design --repair WORLD --off-max 30              which cameras of a world to turn, move or add, the cheapest way
 
 A world's targets are followed along all their ways, as camnet certify does; the result is a world file, certified anew.
 Roads are read lane by lane, with the turning paths over junctions: a way counts as seen only where one camera sees its
@@ -47,9 +48,12 @@ _USED_BY: dict[str, tuple[str, ...]] = {
     "mounts": ("world",),
     "catalogue": ("world",),
     "existing": ("world",),
+    "turn_price": ("world",),
+    "move_price": ("world",),
     "budget": ("world",),
     "aim_step": ("world",),
     "survive": ("world",),
+    "detections": ("world",),
     "private": ("world",),
     "mount_tolerance": ("world",),
     "overrides": ("world",),
@@ -79,7 +83,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    source = parser.add_mutually_exclusive_group(required=True)
+    source = parser.add_mutually_exclusive_group()
     source.add_argument(
         "config",
         nargs="?",
@@ -102,7 +106,11 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--poles", metavar="CSV", type=Path, help="candidate places (default: junctions and roadsides)"
     )
     parser.add_argument(
-        "--repair", metavar="FILE", type=Path, help="cameras that stand: .csv or SUMO .add.xml"
+        "--repair",
+        metavar="FILE",
+        type=Path,
+        help="with --roads the cameras that stand, .csv or SUMO .add.xml; alone a world file: its fixed cameras are "
+        "turned, moved and added to until it is certified",
     )
     parser.add_argument(
         "--spacing",
@@ -138,6 +146,7 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
 
 def run(args: argparse.Namespace) -> int:
     """Load, place or repair, write."""
+    args = _of_world(args)
     _refuse_unused(args)
     if args.config is not None:
         return run_world(args)
@@ -154,6 +163,25 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(content)
     return 0 if content["certified"] and kept(content) else 1
+
+
+def _of_world(args: argparse.Namespace) -> argparse.Namespace:
+    """Take a world file that is to be repaired for the world."""
+    from camnet.errors import ConfigError
+
+    args.repair_world = args.config is None and args.roads is None and args.tracks is None
+    if not args.repair_world:
+        return args
+    if args.repair is None:
+        raise ConfigError(
+            "give a world file, --roads NET, --tracks FILE or --repair WORLD: what is to be designed"
+        )
+    if args.existing not in (None, "movable"):
+        raise ConfigError(
+            f"--existing {args.existing}: --repair turns and moves the cameras that stand; leave it out"
+        )
+    args.config, args.repair, args.existing = str(args.repair), None, "movable"
+    return args
 
 
 def _refuse_unused(args: argparse.Namespace) -> None:

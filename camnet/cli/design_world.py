@@ -12,13 +12,14 @@ from camnet import __version__
 from camnet.cli.arguments import numbers, positive, whole
 from camnet.cli.common import progress_bar, say
 from camnet.cli.output import Output, output_folder, print_json, write_json
+from camnet.cli.target_arguments import add_detections, detections
 from camnet.errors import ConfigError
 from camnet.numerals import read_decimal
 from camnet.storage.whole_file import whole_file, write_text
 
 __all__ = ["add_world_options", "run_world"]
 
-_COLUMNS = ("name", "camera", "mount", "x", "y", "z", "pan_deg", "tilt_deg", "price")
+_COLUMNS = ("name", "change", "camera", "mount", "x", "y", "z", "pan_deg", "tilt_deg", "price")
 
 
 def add_world_options(parser: argparse.ArgumentParser) -> None:
@@ -41,9 +42,20 @@ def add_world_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--existing",
-        choices=("keep", "replace"),
-        help="fixed cameras of the world: keep them (default), or design without them",
+        choices=("keep", "movable", "replace"),
+        help="fixed cameras of the world: keep them (default), turn or move them where that is cheaper than a further "
+        "camera, or design without them",
     )
+    group.add_argument(
+        "--turn-price", type=positive, metavar="PRICE", help="of turning a camera that stands (default 25)"
+    )
+    group.add_argument(
+        "--move-price",
+        type=positive,
+        metavar="PRICE",
+        help="of taking a camera that stands to another mount, besides what the mount costs (default 75)",
+    )
+    add_detections(group)
     group.add_argument(
         "--budget", type=positive, metavar="PRICE", help="most that the added cameras may cost"
     )
@@ -84,7 +96,7 @@ def run_world(args: argparse.Namespace) -> int:
     """Load, place, certify, write."""
     from camnet.errors import ConfigError
 
-    if args.mounts is None:
+    if args.mounts is None and not args.repair_world:
         raise ConfigError(
             f"{args.config}: give --mounts: where cameras may be, such as walls:2,5 (every 2 m along the walls, "
             "5 m high)"
@@ -108,21 +120,24 @@ def run_world(args: argparse.Namespace) -> int:
 def _design(args: argparse.Namespace, origin: Any, advance: Any) -> Any:  # noqa: ANN401 - imported late
     from camnet.config.catalogue import load_catalogue
     from camnet.experiments.design_world import design_world
-    from camnet.experiments.restate import restate_class
+    from camnet.experiments.restate import restate_class, restate_detection
     from camnet.importers.geojson_areas import read_areas
 
     tolerance = _tolerance(args.mount_tolerance)
     catalogue = load_catalogue(args.catalogue)
     scenario = _world(args)
     scenario = restate_class(scenario, v_lo_mps=args.v_lo, v_max_mps=args.v_max, extent_m=args.extent)
+    if args.detections is not None:
+        scenario = restate_detection(scenario, detections(args.detections))
     return design_world(
         scenario,
-        _mounts(args.mounts, scenario, tolerance, origin),
+        _mounts(args.mounts or _usual_mounts(scenario), scenario, tolerance, origin),
         catalogue,
         pixel_class=args.pixel_class,
         off_max_s=args.off_max,
         unseen_max_m=args.unseen_max_m,
         keep=args.existing != "replace",
+        movable=_prices(args),
         objective=args.objective,
         count=args.count,
         budget=args.budget,
@@ -134,6 +149,30 @@ def _design(args: argparse.Namespace, origin: Any, advance: Any) -> Any:  # noqa
         seed=args.seed or 0,
         progress=advance,
     )
+
+
+def _prices(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
+    """Return what a change of a camera that stands costs, None where none may be touched."""
+    from camnet.experiments.design_changes import Prices
+
+    if args.existing != "movable":
+        for option, value in (("--turn-price", args.turn_price), ("--move-price", args.move_price)):
+            if value is not None:
+                raise ConfigError(f"{option} {value:g}: goes with --existing movable, or with --repair")
+        return None
+    usual = Prices()
+    return Prices(args.turn_price or usual.turn, args.move_price or usual.move)
+
+
+#: where a repair may put cameras unless it is told: masts about the site, and walls that are as high
+_MASTS, _WALLS, _WALLS_M = "outline:8,5", "walls:4,5", 5.0
+
+
+def _usual_mounts(scenario: Any) -> list[str]:  # noqa: ANN401 - imported late
+    from camnet.geometry.regions import build_region
+
+    tops = [float(build_region(o.name, o.shape).height[1]) for o in scenario.occluders]
+    return [_MASTS, _WALLS] if max(tops, default=0.0) >= _WALLS_M else [_MASTS]
 
 
 def _world(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
@@ -273,12 +312,14 @@ def _words(content: dict[str, Any]) -> list[str]:
     """Return what was found, a sentence each."""
     standing = len(content["standing"])
     also = f" besides {standing} that stand" if standing else ""
+    done = {k: sum(c["change"] == k for c in content["cameras"]) for k in ("add", "turn", "move")}
+    changed = "".join(f", {n} {w}" for n, w in ((done["turn"], "turned"), (done["move"], "moved")) if n)
     words = [
-        f"{content['count']} cameras{also}, price {content['price']:g}, of {content['candidates']} candidates at "
+        f"{done['add']} cameras{changed}{also}, price {content['price']:g}, of {content['candidates']} candidates at "
         f"{content['mounts']} mounts"
     ]
     if not content["count"]:
-        words.append("the cameras that stand are enough: nothing has to be added")
+        words.append("the cameras that stand are enough: nothing has to be changed")
     words.append(
         f"lower bound {content['lower_bound']:g} ({content['minimised']}), gap {content['gap']:.1%}, "
         f"{content['seconds']:.1f} s"
@@ -304,7 +345,7 @@ def _print(content: dict[str, Any]) -> None:
     print(first)
     for c in content["cameras"]:
         print(
-            f"  {c['name']:24s} {c['camera']:16s} at ({c['x']:.1f}, {c['y']:.1f}, {c['z']:.1f}) m, "
+            f"  {c['change']:4s} {c['name']:24s} {c['camera']:16s} at ({c['x']:.1f}, {c['y']:.1f}, {c['z']:.1f}) m, "
             f"pan {c['pan_deg']:.0f}, tilt {c['tilt_deg']:.0f} degrees, price {c['price']:g}"
         )
     for sentence in more:

@@ -8,8 +8,9 @@ from typing import Any
 
 from camnet.cli.arguments import non_negative
 from camnet.cli.common import positive
+from camnet.numerals import read_decimal
 
-__all__ = ["add_pixel_class", "add_target_class"]
+__all__ = ["add_detections", "add_pixel_class", "add_target_class", "detections"]
 
 
 def add_pixel_class(group: Any, words: str) -> None:  # noqa: ANN401 - argparse publishes no type for it
@@ -24,6 +25,55 @@ def add_pixel_class(group: Any, words: str) -> None:  # noqa: ANN401 - argparse 
         metavar="CLASS",
         help=f"{words}: {names} px/m",
     )
+
+
+def add_detections(group: Any) -> None:  # noqa: ANN401 - argparse publishes no type for it
+    """Add when a target in view of a fixed camera counts as seen."""
+    group.add_argument(
+        "--detections",
+        metavar="N,P,HZ[,Q[,S]]",
+        help="a world's targets count as seen by a fixed camera after N detections with probability Q (default 0.99): "
+        "HZ frames in a second, each a detection with probability P, known S seconds later (default 0): 3,0.8,10",
+    )
+
+
+def detections(text: str) -> Any:  # noqa: ANN401 - imported late
+    """Return the settings of ``--detections``.
+
+    Raises
+    ------
+    ConfigError
+        The text is no such list.
+    """
+    from camnet.certification.settings import DetectionSettings
+    from camnet.errors import ConfigError
+
+    parts = text.split(",")
+    try:
+        if not 3 <= len(parts) <= 5:
+            raise ValueError(f"{len(parts)} numbers")
+        values = [read_decimal(part) for part in parts] + [0.99, 0.0][len(parts) - 3 :]
+        count, probability, rate_hz, confidence, latency_s = values
+        if count != int(count):
+            raise ValueError(f"N = {count:g}")
+        return DetectionSettings(
+            rate_hz=rate_hz,
+            probability=probability,
+            count=int(count),
+            confidence=confidence,
+            latency_s=latency_s,
+        )
+    except ValueError as error:
+        why = str(error).splitlines()[0] if not hasattr(error, "errors") else _first_fault(error)
+        raise ConfigError(
+            f"--detections {text}: {why}: a whole number N from 1 on, a probability P above 0 and up to 1, frames a "
+            "second HZ above 0, a probability Q below 1, seconds S from 0 on were expected, such as 3,0.8,10,0.99,0.2"
+        ) from None
+
+
+def _first_fault(error: Any) -> str:  # noqa: ANN401 - pydantic's
+    fault = error.errors()[0]
+    return f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}"
 
 
 def add_target_class(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ from camnet.certification.free_network import GroundView
 from camnet.certification.model_error import ModelError
 from camnet.certification.planar_shapes import cover_regions
 from camnet.certification.promise import Promise, UnseenWay, with_claims
-from camnet.certification.ways import cover_ways, join_coverage
+from camnet.certification.ways import join_coverage
 from camnet.errors import CertificateError
 from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import certify_learned, flow_case, ground_of
@@ -36,6 +36,7 @@ from camnet.experiments.promise_world import (
     blind_of,
     fixed_views,
     promise_of,
+    seen_ways,
     solids_of,
     target_features,
     watch,
@@ -175,7 +176,7 @@ def _watched(network: Network, followed: PathWays) -> Watched:
     part = cover_regions(ways.roads, outlines, 0.0, [view_radius(network, j) for j in agents])
     views, _ = fixed_views(network)
     if views is not None:
-        seen = cover_ways(ways, views, solids_of(network), target_features(network))
+        seen = seen_ways(network, ways, views, solids_of(network), target_features(network))
         part = join_coverage(part, seen, network.n_agents)
     return watch(ways, part)
 

@@ -15,7 +15,7 @@ from camnet.certification.promise import with_claims
 from camnet.certification.road_gaps import RoadGaps, road_gaps
 from camnet.certification.site import certify_road_site, road_segments_with_verdict
 from camnet.certification.transitions import GrowthModel, RoadTargetClass
-from camnet.certification.ways import Ways, cover_ways, join_coverage
+from camnet.certification.ways import Ways, join_coverage
 from camnet.errors import CertificateError
 from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import ground_of
@@ -26,6 +26,7 @@ from camnet.experiments.promise_world import (
     blind_of,
     fixed_views,
     promise_of,
+    seen_ways,
     solids_of,
     target_features,
     watch,
@@ -172,7 +173,7 @@ def _coverage(network: Network, ways: Ways, ground: Sequence[GroundView], extent
     views, _ = fixed_views(network)
     if views is None:
         return part
-    seen = cover_ways(ways, views, solids_of(network), target_features(network))
+    seen = seen_ways(network, ways, views, solids_of(network), target_features(network))
     return join_coverage(part, _with_room(seen, ways, ground[network.n_agents :]), network.n_agents)
 
 

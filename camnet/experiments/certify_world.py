@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from camnet.certification.detection import frames_needed, time_in_view_s
 from camnet.certification.free_network import FreeTargetClass, GroundView, certify_free
 from camnet.certification.model_error import ModelError
 from camnet.certification.promise import Promise, join_promises, with_claims
 from camnet.config.models import Scenario
-from camnet.errors import CertificateError
+from camnet.errors import CertificateError, ConfigError
 from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import ground_of
 from camnet.experiments.certify_path import best_verdict, certify_on_path, words_of
@@ -76,6 +77,10 @@ def certify_world(
     if not scenario.targets:
         raise CertificateError(
             f"world {scenario.name!r} has no targets: a promise is about targets, add at least one"
+        )
+    if scenario.agents and scenario.certificate.detection is not None:
+        raise ConfigError(
+            "certificate.detection: is about fixed cameras; the world has agents, whose views move; leave it out"
         )
     network, limit = build_network(scenario), limit_of(scenario, off_max_s, off_max_m)
     asked = len(scenario.targets) if at_once is None else at_once
@@ -192,6 +197,7 @@ def _assumptions(network: Network) -> list[str]:
         "targets do not hide each other",
     ]
     words += _initial_error(network)
+    words += _detections(network)
     if network.n_agents == 0:
         return words
     words += [
@@ -200,6 +206,18 @@ def _assumptions(network: Network) -> list[str]:
         "every target that an agent is sent to is the only one that needs it until it is handed over",
     ]
     return words
+
+
+def _detections(network: Network) -> list[str]:
+    """Say what counts as seen where the world states a detector."""
+    d = network.scenario.certificate.detection
+    if d is None:
+        return []
+    return [
+        f"seen means {d.count} detections with probability {d.confidence:g} at least: frames at {d.rate_hz:g} Hz, each "
+        f"a detection with probability {d.probability:g} by itself, known {d.latency_s:g} s later: "
+        f"{frames_needed(d)} frames, {time_in_view_s(d):.3g} s in view of one camera"
+    ]
 
 
 def _initial_error(network: Network) -> list[str]:

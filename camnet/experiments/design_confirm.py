@@ -9,12 +9,12 @@ import numpy as np
 
 from camnet.certification.coverage import Coverage
 from camnet.certification.way_search import coverage_rows
-from camnet.certification.ways import Ways, cover_ways
+from camnet.certification.ways import Ways
 from camnet.config.models import Scenario
 from camnet.errors import CertificateError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_world import certify_world
-from camnet.experiments.promise_world import Limit, fixed_views, solids_of, target_features, watch
+from camnet.experiments.promise_world import Limit, fixed_views, seen_ways, solids_of, target_features, watch
 from camnet.experiments.site_ways import site_ways
 
 __all__ = ["check_failures", "confirm"]
@@ -53,7 +53,7 @@ def check_failures(designed: Scenario, limit: Limit, share: float, survive: int)
         views, names = fixed_views(site.network)
         assert views is not None
         solids, features = solids_of(site.network), target_features(site.network)
-        watched += [(ways, cover_ways(ways, views, solids, features)) for ways in site.ways]
+        watched += [(ways, seen_ways(site.network, ways, views, solids, features)) for ways in site.ways]
     none: tuple[int, ...] = ()
     worst_m, worst_s = (-1.0, none), (-1.0, none)
     for failed in itertools.combinations(range(len(names)), min(survive, len(names))):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import shapely
@@ -29,8 +29,10 @@ from camnet.geometry.settings import CameraModel
 from camnet.importers.mounts import Mount
 from camnet.types import Array, IntArray
 
-__all__ = ["BRACKET_M", "Candidates", "candidates_at", "outline_mounts", "wall_mounts"]
+__all__ = ["ADD", "BRACKET_M", "MOVE", "TURN", "Candidates", "candidates_at", "outline_mounts", "wall_mounts"]
 
+#: a camera of the catalogue; one that stands, turned where it is, or taken to a mount
+ADD, TURN, MOVE = 0, 1, 2
 #: a camera on a wall stands this far off it, m
 BRACKET_M = 0.1
 #: the outline of a site runs this far outside its ways and walls, m
@@ -52,6 +54,8 @@ class Candidates:
     position_m, look_at_m : (n, 3) optical centres, and points on the optical axes, m
     model, mount : (n,) numbers of the camera's model and of the mount
     pan_deg, tilt_deg : (n,) direction of the optical axis, degrees
+    kind : (n,) ``ADD``, ``TURN`` or ``MOVE``
+    of : (n,) turned: number of the camera that stands; moved: number of its model among those; else -1
     """
 
     position_m: Array
@@ -60,6 +64,8 @@ class Candidates:
     mount: IntArray
     pan_deg: Array
     tilt_deg: Array
+    kind: IntArray
+    of: IntArray
 
     def __len__(self) -> int:
         """Return the number of candidates."""
@@ -67,14 +73,12 @@ class Candidates:
 
     def only(self, rows: IntArray) -> Candidates:
         """Return some of the candidates."""
-        return Candidates(
-            self.position_m[rows],
-            self.look_at_m[rows],
-            self.model[rows],
-            self.mount[rows],
-            self.pan_deg[rows],
-            self.tilt_deg[rows],
-        )
+        return Candidates(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Candidates]) -> Candidates:
+        """Return the candidates of all parts, one after the other."""
+        return cls(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)})
 
     def views(
         self, models: Sequence[CameraModel], rows: IntArray, tolerance: MountTolerance | None = None
@@ -106,8 +110,17 @@ def _frustum(model: CameraModel, tolerance: MountTolerance | None) -> Frustum:
     return held
 
 
-def candidates_at(mounts: Sequence[Mount], models: Sequence[CameraModel], step_deg: float) -> Candidates:
+def candidates_at(
+    mounts: Sequence[Mount],
+    models: Sequence[CameraModel],
+    step_deg: float,
+    kind: int = ADD,
+    of: int = -1,
+    first: tuple[int, int] = (0, 0),
+) -> Candidates:
     """Return every model at every mount, in directions ``step_deg`` apart within what the mount allows.
+
+    ``first`` are the numbers of the first model and of the first mount; ``kind``, ``of``: see `Candidates`.
 
     Raises
     ------
@@ -133,7 +146,14 @@ def candidates_at(mounts: Sequence[Mount], models: Sequence[CameraModel], step_d
     place = np.round(table[:, :3], 3)
     look = np.round(place + _AXIS_M * axis, 3)
     return Candidates(
-        place, look, table[:, 5].astype(np.int64), table[:, 6].astype(np.int64), table[:, 3], table[:, 4]
+        place,
+        look,
+        table[:, 5].astype(np.int64) + first[0],
+        table[:, 6].astype(np.int64) + first[1],
+        table[:, 3],
+        table[:, 4],
+        np.full(count, kind, dtype=np.int64),
+        np.full(count, of, dtype=np.int64),
     )
 
 

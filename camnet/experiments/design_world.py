@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,11 +24,27 @@ from camnet.config.models import FixedCamera, Scenario
 from camnet.errors import CertificateError, ConfigError
 from camnet.experiments.certified import Certified
 from camnet.experiments.certify_world import limit_of
+from camnet.experiments.design_changes import (
+    FREE,
+    Prices,
+    change_prices,
+    changed_cameras,
+    changes_of,
+    words_of_change,
+)
 from camnet.experiments.design_confirm import check_failures, confirm
-from camnet.experiments.design_mounts import Candidates, candidates_at
+from camnet.experiments.design_mounts import ADD, Candidates, candidates_at
 from camnet.experiments.design_private import keep_private
 from camnet.experiments.design_roads import best_placement
-from camnet.experiments.promise_world import Limit, fixed_views, solids_of, target_features, watch
+from camnet.experiments.promise_world import (
+    Limit,
+    fixed_views,
+    less_detections,
+    seen_ways,
+    solids_of,
+    target_features,
+    watch,
+)
 from camnet.experiments.restate import restate_pixels
 from camnet.experiments.site_ways import SiteWays, site_ways
 from camnet.geometry.mount_tolerance import MountTolerance
@@ -64,6 +80,7 @@ def design_world(
     off_max_s: float | None = None,
     unseen_max_m: float | None = None,
     keep: bool = True,
+    movable: Prices | None = None,
     objective: str | None = None,
     count: int | None = None,
     budget: float | None = None,
@@ -80,6 +97,7 @@ def design_world(
     Parameters
     ----------
     scenario : the world; its fixed cameras stay (``keep``) or are taken away
+    movable : what it costs to turn or move a camera that stays; None: nobody touches them
     mounts, catalogue : where cameras may be, and which
     pixel_class : what an image must show of a target that counts as seen, of EN 62676-4:2015; it decides how far each
         camera sees, those that stand too. None: ``detect`` for the catalogue, and those that stand as they are
@@ -108,34 +126,56 @@ def design_world(
     _ask_for_something(sites, limit)
     models = [camera.model(pixels_per_metre(pixel_class or "detect")) for camera in catalogue]
     candidates = candidates_at(mounts, models, aim_step_deg)
+    standing = scenario.fixed_cameras if keep else ()
+    changes = None
+    if movable is not None and standing:
+        changes = changes_of(standing, scenario.cameras, mounts, aim_step_deg, len(models))
+        candidates = Candidates.joined([candidates, changes.candidates])
+        models, mounts = [*models, *changes.models], [*mounts, *changes.mounts]
     tried = len(candidates)
     if private:
         candidates = keep_private(candidates, models, sites[0].network, private, keep, tolerance)
-    price = np.array([c.price for c in catalogue])[candidates.model]
-    price = price + np.array([m.cost for m in mounts])[candidates.mount]
-    standing = scenario.fixed_cameras if keep else ()
+    bought = np.r_[[c.price for c in catalogue], np.zeros(len(models) - len(catalogue))]
+    price = bought[candidates.model] + change_prices(candidates, mounts, movable or Prices())
     seeing, parts = _look(sites, candidates, models, bool(standing), limit, tolerance)
     roads, cover = ways_as_one(parts)
     n = len(seeing)
     there = n + np.arange(len(standing))
     by_count = objective == "fewest" or count is not None or (objective == "margin" and budget is None)
-    weight = np.ones(n + len(there)) if by_count else np.r_[price[seeing], np.ones(len(there))]
+    as_they_are = np.full(len(there), 1.0 if changes is None else FREE)
+    weight = np.r_[np.ones(n) if by_count else price[seeing], as_they_are]
+    at_most = [] if changes is None else changes.at_most(candidates, seeing)
+
+    needed_of: dict[tuple[int, ...], IntArray] = {}
 
     def place(share: float) -> Placement:
-        return place_cameras(
-            roads, cover, n + len(there), share * (1.0 - _SPARE), costs=weight, standing=there, survive=survive,
+        found = place_cameras(
+            roads, cover, n + len(there), share * (1.0 - _SPARE), costs=weight,
+            standing=there if changes is None else None, survive=survive, at_most=at_most,
             exact_limit=len(weight), time_limit_s=time_limit_s, seed=seed, progress=progress,
         )  # fmt: skip
+        new = found.chosen[found.chosen < n]
+        needed_of[tuple(new.tolist())] = found.chosen[found.chosen >= n] - n
+        return replace(found, chosen=new, cost=round(found.cost, 6))
 
     found, share = best_placement(place, 1.0, count, objective, budget)
+    needed = needed_of[tuple(found.chosen.tolist())]
     chosen = seeing[found.chosen]
-    designed = world_with(scenario, candidates, mounts, models, chosen, keep, limit)
+    stays, names = np.arange(len(standing)), dict[int, str]()
+    after: Sequence[FixedCamera] = standing
+    if changes is not None:
+        after, names, left = changed_cameras(standing, changes, candidates, chosen, needed)
+        stays = np.array(left, dtype=np.int64)
+    added = chosen[candidates.kind[chosen] == ADD]
+    designed = world_with(scenario, candidates, mounts, models, added, after, limit)
     certified = confirm(designed, limit, share)
     failures = check_failures(designed, limit, share, survive) if survive else None
-    installed = None if tolerance is None else _installed(parts, found.chosen, len(seeing), tolerance)
-    cameras = [_row(candidates, mounts, catalogue, k) for k in chosen.tolist()]
-    for row, camera in zip(cameras, designed.fixed_cameras[len(standing) :], strict=True):
-        row["name"] = camera.name
+    held = np.r_[found.chosen, n + stays]
+    installed = None if tolerance is None else _installed(parts, held, tolerance)
+    cameras = [_row(candidates, mounts, models, price, k) for k in chosen.tolist()]
+    own = iter(designed.fixed_cameras[len(after) :])
+    for row, k in zip(cameras, chosen.tolist(), strict=True):
+        row["name"] = names[k] if k in names else next(own).name
     report: dict[str, Any] = {
         "promise": certified.report["promise"],
         **found.as_dict(),
@@ -146,8 +186,8 @@ def design_world(
         "price": float(price[chosen].sum()),
         "budget": budget,
         "cameras": cameras,
-        "standing": [camera.name for camera in standing],
-        "mounts": len(mounts),
+        "standing": [standing[j].name for j in stays.tolist()],
+        "mounts": len(mounts) - (0 if changes is None else len(changes.mounts)),
         "candidates": tried,
         "candidates_that_may": len(candidates),
         "candidates_that_see": n,
@@ -163,6 +203,8 @@ def design_world(
         "share_of_limit": share,
         "target_class": certified.report["target_class"],
     }
+    if scenario.certificate.detection is not None:
+        report["detection"] = scenario.certificate.detection.model_dump()
     return DesignedWorld(report, certified, designed)
 
 
@@ -200,7 +242,10 @@ def _look(
         views, _ = fixed_views(site.network)
         for ways in site.ways:
             cover = _cover(ways, candidates, models, everything, grown, features, tolerance)
-            own = cover_ways(ways, views, solids, features) if with_standing and views is not None else None
+            cover = less_detections(site.network, ways, cover)
+            own = None
+            if with_standing and views is not None:
+                own = seen_ways(site.network, ways, views, solids, features)
             found.append((ways, cover, own))
     seeing = np.unique(np.concatenate([cover.camera for _, cover, _ in found]))
     if len(seeing) == 0:
@@ -249,11 +294,10 @@ def world_with(
     mounts: Sequence[Mount],
     models: Sequence[CameraModel],
     chosen: IntArray,
-    keep: bool,
+    standing: Sequence[FixedCamera],
     limit: Limit,
 ) -> Scenario:
-    """Return the world with the chosen cameras, what is allowed out of view stated in it."""
-    standing = scenario.fixed_cameras if keep else ()
+    """Return the world with the cameras that stand and the chosen ones, what is allowed out of view stated in it."""
     used = {camera.camera for camera in standing}
     kinds = {model.name: model for model in scenario.cameras if model.name in used}
     model_of: dict[int, str] = {}
@@ -287,14 +331,12 @@ def _free_name(name: str, taken: Any) -> str:  # noqa: ANN401 - anything with na
     return next(f"{name}_{k}" for k in itertools.count(2) if f"{name}_{k}" not in taken)
 
 
-def _installed(
-    parts: Sequence[LimitedWays], chosen: IntArray, added: int, tolerance: MountTolerance
-) -> dict[str, Any]:
+def _installed(parts: Sequence[LimitedWays], chosen: IntArray, tolerance: MountTolerance) -> dict[str, Any]:
     """Return the longest stretches out of view, wherever within the tolerance the chosen cameras are installed."""
     held = [
         watch(
             p.ways,
-            coverage_rows(p.coverage, np.isin(p.coverage.camera, chosen) | (p.coverage.camera >= added)),
+            coverage_rows(p.coverage, np.isin(p.coverage.camera, chosen)),
         )
         for p in parts
     ]
@@ -307,18 +349,19 @@ def _installed(
 
 
 def _row(
-    candidates: Candidates, mounts: Sequence[Mount], catalogue: Sequence[CatalogueCamera], k: int
+    candidates: Candidates, mounts: Sequence[Mount], models: Sequence[CameraModel], price: Array, k: int
 ) -> dict[str, Any]:
     x, y, z = candidates.position_m[k].tolist()
-    mount, camera = mounts[int(candidates.mount[k])], catalogue[int(candidates.model[k])]
+    mount = mounts[int(candidates.mount[k])]
     return {
         "name": mount.name,
-        "camera": camera.name,
+        "change": words_of_change(int(candidates.kind[k])),
+        "camera": models[int(candidates.model[k])].name,
         "mount": mount.name,
         "x": x,
         "y": y,
         "z": z,
         "pan_deg": (float(candidates.pan_deg[k]) + 180.0) % 360.0 - 180.0,
         "tilt_deg": float(candidates.tilt_deg[k]),
-        "price": camera.price + mount.cost,
+        "price": float(price[k]),
     }

@@ -25,13 +25,14 @@ import shapely
 from camnet.certification.planar_shapes import cover_regions
 from camnet.certification.promise import Promise, UnseenWay
 from camnet.certification.transitions import TransitionTable
-from camnet.certification.ways import Ways, cover_ways, join_coverage
+from camnet.certification.ways import Ways, join_coverage
 from camnet.control.setpoints import half_angle, loiter, working_height
 from camnet.experiments.certify_flow import region_agents
 from camnet.experiments.promise_world import (
     Limit,
     Watched,
     fixed_views,
+    seen_ways,
     solids_of,
     target_features,
     watch,
@@ -127,7 +128,7 @@ def first_view(network: Network, ways: Ways) -> Watched:
     )
     views, _ = fixed_views(network)
     if views is not None:
-        seen = cover_ways(ways, views, solids_of(network), target_features(network))
+        seen = seen_ways(network, ways, views, solids_of(network), target_features(network))
         part = join_coverage(part, seen, network.n_agents)
     return watch(ways, part)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from camnet.certification.blind import blind_cameras
 from camnet.certification.coverage import Coverage, Views
+from camnet.certification.detection import detected, time_in_view_s
 from camnet.certification.planar_shapes import convex_solids
 from camnet.certification.promise import BlindCamera, Promise, UnseenWay
 from camnet.certification.road_gaps import SeenStretches, merge_coverage
@@ -24,7 +25,17 @@ from camnet.geometry.frustum import Frustum
 from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, IntArray
 
-__all__ = ["Limit", "Watched", "fixed_views", "promise_of", "solids_of", "target_features", "watch"]
+__all__ = [
+    "Limit",
+    "Watched",
+    "fixed_views",
+    "less_detections",
+    "promise_of",
+    "seen_ways",
+    "solids_of",
+    "target_features",
+    "watch",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +83,20 @@ def target_features(network: Network) -> Array:
     return np.asarray(network.description.targets[0].features_m, dtype=float)
 
 
+def seen_ways(network: Network, ways: Ways, views: Views, solids: Solids, features: Array) -> Coverage:
+    """Return what fixed cameras see of ways, less what detections take (``certificate.detection``)."""
+    return less_detections(network, ways, cover_ways(ways, views, solids, features))
+
+
+def less_detections(network: Network, ways: Ways, coverage: Coverage) -> Coverage:
+    """Return what counts as seen of what is in view of fixed cameras."""
+    settings = network.scenario.certificate.detection
+    if settings is None:
+        return coverage
+    fastest = max(t.motion.v_max_mps for t in network.description.targets)
+    return detected(coverage, ways.roads, fastest * time_in_view_s(settings))
+
+
 def watch(ways: Ways, coverage: Coverage) -> Watched:
     """Find the longest unseen stretches of ways of which ``coverage`` is seen."""
     seen = merge_coverage(ways.roads, coverage)
@@ -90,7 +115,7 @@ def watch_fixed(network: Network, ways: Ways) -> Watched:
         none = np.zeros(0)
         integers: IntArray = np.zeros(0, dtype=np.int64)
         return watch(ways, Coverage(integers, integers, none, none, none, none))
-    return watch(ways, cover_ways(ways, views, solids_of(network), target_features(network)))
+    return watch(ways, seen_ways(network, ways, views, solids_of(network), target_features(network)))
 
 
 def promise_of(
@@ -161,13 +186,19 @@ def blind_of(network: Network, watched: Watched) -> tuple[BlindCamera, ...]:
     sees = _seeing(watched.coverage, watched.in_m.reachable, len(names))
     if sees.all():
         return ()
+    short: tuple[BlindCamera, ...] = ()
+    if network.scenario.certificate.detection is not None:
+        looked = cover_ways(watched.ways, views, solids_of(network), target_features(network))
+        before, sees = sees, _seeing(looked, watched.in_m.reachable, len(names))
+        words = "no target is in its view for as long as the detections take"
+        short = tuple(BlindCamera(names[k], words) for k in np.flatnonzero(sees & ~before))
     would = None
     if network.occluders:
         free = cover_ways(watched.ways, views, Solids.of([]), target_features(network))
         would = _seeing(free, watched.in_m.reachable, len(names))
     owner = np.repeat(np.arange(watched.ways.roads.n_arcs), np.diff(watched.ways.sample_ptr))
     places = watched.ways.xy[watched.in_m.reachable[owner]]
-    return blind_cameras(names, views, places, 0.0, sees, would)
+    return (*short, *blind_cameras(names, views, places, 0.0, sees, would))
 
 
 def _seeing(coverage: Coverage, reachable: BoolArray, cameras: int) -> BoolArray:

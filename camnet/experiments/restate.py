@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from camnet.certification.settings import DetectionSettings
 from camnet.config.models import Scenario
 from camnet.errors import ConfigError
 from camnet.geometry.pixel_density import with_class_range
 from camnet.motion.settings import RoadTarget, TargetSettings
 
-__all__ = ["restate_class", "restate_pixels"]
+__all__ = ["restate_class", "restate_detection", "restate_pixels"]
 
 #: points that stand for an extent: a ring on the ground
 _RING = 8
@@ -50,6 +51,12 @@ def restate_pixels(scenario: Scenario, pixel_class: str) -> Scenario:
     """
     cameras = tuple(with_class_range(camera, pixel_class) for camera in scenario.cameras)
     return scenario.model_copy(update={"cameras": cameras})
+
+
+def restate_detection(scenario: Scenario, detection: DetectionSettings) -> Scenario:
+    """Return the world in which targets count as seen where they are detected so."""
+    certificate = scenario.certificate.model_copy(update={"detection": detection})
+    return scenario.model_copy(update={"certificate": certificate})
 
 
 def _restated(

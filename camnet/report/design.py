@@ -22,7 +22,17 @@ def design_section(words: Sequence[str], cameras: Sequence[dict[str, Any]]) -> l
     items = "".join(f"<li>{shown(sentence[:1].upper() + sentence[1:])}.</li>" for sentence in words)
     section = [f"<h2>Design</h2><ul>{items}</ul>"]
     if cameras:
-        keys = ("name", "camera", "x", "y", "z", "pan_deg", "tilt_deg", "price")
-        head = ("mount", "camera", "x (m)", "y (m)", "height (m)", "pan (deg)", "tilt (deg)", "price")
+        keys = ("change", "name", "camera", "x", "y", "z", "pan_deg", "tilt_deg", "price")
+        head = (
+            "change",
+            "name",
+            "camera",
+            "x (m)",
+            "y (m)",
+            "height (m)",
+            "pan (deg)",
+            "tilt (deg)",
+            "price",
+        )
         section.append(table(head, [tuple(c[k] for k in keys) for c in cameras]))
     return section

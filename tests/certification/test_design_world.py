@@ -396,3 +396,108 @@ def test_the_solver_agrees_with_brute_force_in_metres_and_seconds(depot):
         assert s <= (limit_s or np.inf) + 1e-3
         assert (len(placed.chosen) <= 2) == possible
         assert placed.optimal
+
+
+def _aimed(depot, tmp_path, looks):
+    """Write the depot with cameras that look elsewhere; return the file."""
+    world = yaml.safe_load(depot.read_text())
+    for camera in world["fixed_cameras"]:
+        if camera["name"] in looks:
+            camera["pose"]["look_at_m"] = looks[camera["name"]]
+    path = tmp_path / "aimed.yaml"
+    path.write_text(yaml.safe_dump(world))
+    return path
+
+
+#: each camera that stands looks away from the site
+_AWAY = {
+    "sw": [-60, -60, 0], "se": [60, -60, 0], "ne": [60, 60, 0], "nw": [-60, 60, 0], "gate": [0, -70, 5],
+    "dock": [0, 70, 5],
+}  # fmt: skip
+
+
+def test_a_world_is_repaired_by_turning_what_stands(capsys, depot, rays, tmp_path):
+    broken = _aimed(depot, tmp_path, _AWAY)
+    assert main(["certify", str(broken), "--off-max", "30", "--quiet"]) == 1
+    capsys.readouterr()
+    words = ("--off-max", "30", "--aim-step", "30", "--mounts", "walls:10,5", "--out", tmp_path / "d")
+    status, report = design(capsys, "--repair", broken, *words)
+    assert (status, report["certified"]) == (0, True)
+    assert {c["change"] for c in report["cameras"]} == {"turn"}  # 25 each, a new camera costs more
+    assert report["price"] == 25.0 * len(report["cameras"])
+    assert report["lower_bound"] <= report["price"] <= 1.15 * report["lower_bound"]
+    world = yaml.safe_load((tmp_path / "d" / "world.yaml").read_text())
+    before = {c["name"]: c["pose"] for c in yaml.safe_load(broken.read_text())["fixed_cameras"]}
+    turned = {c["name"] for c in report["cameras"]}
+    assert [c["name"] for c in world["fixed_cameras"]] == list(before)
+    for camera in world["fixed_cameras"]:
+        own = before[camera["name"]]
+        assert camera["pose"]["position_m"] == own["position_m"]
+        assert (camera["pose"]["look_at_m"] != own["look_at_m"]) == (camera["name"] in turned)
+    assert rays.longest_hidden(world) / 0.8 <= 30.0
+    assert main(["certify", str(tmp_path / "d" / "world.yaml"), "--quiet"]) == 0
+
+
+def test_moving_is_chosen_where_it_is_cheaper_than_turning(capsys, depot, rays, tmp_path):
+    broken = _aimed(depot, tmp_path, _AWAY)
+    words = ("--off-max", "30", "--aim-step", "45", "--mounts", "walls:10,5", "--existing", "movable")
+    prices = ("--turn-price", "500", "--move-price", "40", "--out", tmp_path / "d")
+    status, report = design(capsys, broken, *words, *prices)
+    assert (status, report["certified"]) == (0, True)
+    assert {c["change"] for c in report["cameras"]} == {"move"}
+    world = yaml.safe_load((tmp_path / "d" / "world.yaml").read_text())
+    assert len(world["fixed_cameras"]) == 6  # nothing was bought
+    assert rays.longest_hidden(world) / 0.8 <= 30.0
+    # at most as many can be moved as stand: with one camera the rest has to be bought
+    one = yaml.safe_load(broken.read_text())
+    one["fixed_cameras"] = one["fixed_cameras"][:1]
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump(one))
+    status, report = design(capsys, tmp_path / "one.yaml", *words, "--turn-price", "1", "--move-price", "1")
+    assert (status, report["certified"]) == (0, True)
+    changes = [c["change"] for c in report["cameras"]]
+    assert changes.count("turn") + changes.count("move") <= 1
+    assert "add" in changes
+
+
+def test_what_needs_no_repair_is_left_alone(capsys, depot):
+    status, report = design(
+        capsys, "--repair", depot, "--off-max", "30", "--aim-step", "45", "--mounts", "walls:20,5"
+    )
+    assert (status, report["count"], report["price"]) == (0, 0, 0.0)
+    assert len(report["standing"]) == 6
+
+
+def test_repairs_refuse_what_contradicts_them(capsys, depot):
+    assert "turns and moves the cameras" in refused(capsys, "--repair", depot, "--existing", "keep")
+    words = ("--mounts", "walls:9,5", "--turn-price", "3")
+    assert "goes with --existing movable" in refused(capsys, depot, *words)
+    assert "give a world file, --roads NET" in refused(capsys, "--off-max", "3")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bounded_choices_agree_with_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    cost = rng.integers(1, 6, 8).astype(float)
+    groups = [(np.array([0, 1, 2]), 1), (np.array([2, 3, 4, 5]), 2)]
+    problem = HittingSet(cost, groups)
+    for _ in range(5):
+        problem.add([rng.choice(8, int(rng.integers(2, 5)), replace=False).tolist()])
+    sets = (np.flatnonzero([k >> j & 1 for j in range(8)]) for k in range(256))
+    good = [
+        s
+        for s in sets
+        if all(np.intersect1d(s, row).size for row in problem.rows)
+        and all(np.intersect1d(s, members).size <= most for members, most in groups)
+    ]
+    found = problem.exact(5.0, 0.0)
+    if not good:
+        assert found is None
+        return
+    best = min(cost[s].sum() for s in good)
+    assert cost[found[0]].sum() == pytest.approx(best)
+    assert problem.relaxed()[1] <= best + 1e-9
+    try:
+        greedy = problem.greedy()
+    except ValueError:
+        return
+    assert any(np.array_equal(greedy, s) for s in good)

@@ -105,6 +105,7 @@ CASES: dict[str, Case] = {
     "camnet design WORLD --mounts walls:2,5 --off-max 30": Case(
         "--aim-step 45 --existing replace", replaced=(("WORLD", "depot.yaml"),)
     ),
+    "camnet design --repair WORLD --off-max 30": Case("--aim-step 45", replaced=(("WORLD", "depot.yaml"),)),
     # camnet evaluate, train
     "camnet evaluate --world quickstart --agents learned,ekf,nearest --episodes 20": Case(_SHORT_SCORES),
     _SCORES: Case(_SHORT_SCORES, replaced=((",runs/train/policy.npz", ",static"),)),
