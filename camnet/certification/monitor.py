@@ -72,6 +72,12 @@ class DwellMonitor:
             raise CertificateError(f"n_regions = {self.n_regions!r}: at least one region is needed")
         self._held = [False] * self.n_regions
 
+    @property
+    def signals(self) -> tuple[bool, bool, bool]:
+        """Return sigma^f, sigma^d and sigma^h now; all false before the first sighting."""
+        now = self._open
+        return (False, False, False) if now is None else (now.seen, now.d, now.h)
+
     def update(
         self,
         t_s: float,

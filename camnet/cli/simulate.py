@@ -53,6 +53,11 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--model", metavar="FILE", help="start from learned models that --save-model wrote (run.model)"
     )
     parser.add_argument("--save-model", type=Path, metavar="FILE", help="write what was learned (.npz)")
+    parser.add_argument(
+        "--instruments",
+        action="store_true",
+        help="also log and plot V, the norm of the weights, lambda_min(Psi) and the switching signals",
+    )
     parser.add_argument("--no-video", action="store_true", help="write no video (about half of the time)")
     parser.add_argument("--no-report", action="store_true", help="write figures and log only, no pictures")
     parser.set_defaults(run=run)
@@ -67,7 +72,8 @@ def run(args: argparse.Namespace) -> int:
 
     # JSON is YAML: quotes keep any file name whole
     model = [] if args.model is None else [f"run.model={json.dumps(args.model)}"]
-    scenario = load_scenario(args.config, [*overrides(args), *model], seed=args.seed)
+    wanted = ["run.instruments=true"] if args.instruments else []
+    scenario = load_scenario(args.config, [*overrides(args), *model, *wanted], seed=args.seed)
     if isinstance(scenario, Scenario) and scenario.traffic is not None:
         say("preparing the traffic (kept for the next run) ...")
         scenario = expand_traffic(scenario, cache_folder())

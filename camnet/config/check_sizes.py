@@ -71,6 +71,8 @@ def _log_columns(scenario: Scenario) -> int:
     uncertain = sum(a.pose.may_be_lost or a.exit_budget_s > 0.0 for a in scenario.agents)
     targets = len(scenario.targets) * (16 + 11 * len(scenario.run.estimators))
     unsized = sum(t.assumed_size is not None for t in scenario.targets)
+    if scenario.run.instruments:
+        targets += 8 * len(scenario.targets)
     return 1 + targets + 24 * len(scenario.agents) + 7 * uncertain + 2 * unsized
 
 

@@ -91,13 +91,15 @@ class RunSettings(Settings):
 
     The first estimator drives the agents. ``learned_shared`` lets all targets learn from each other; ``printed`` is the
     learned one without the remedies of the gap problem; ``ideal`` knows the true velocity now, ``oracle`` the future.
-    ``model`` is a file of learned models to start from (``camnet simulate --save-model``).
+    ``model`` is a file of learned models to start from (``camnet simulate --save-model``). ``instruments`` also logs
+    the quantities of the Lyapunov analysis: V, the norm of the weights, lambda_min(Psi) and the switching signals.
     """
 
     duration_s: Positive = 300.0
     decision_hz: Positive = 10.0
     log_hz: Positive = 10.0
     model: Path | None = None
+    instruments: bool = False
     estimators: Annotated[
         tuple[Literal["learned", "learned_shared", "printed", "adate", "ekf", "ukf", "ideal", "oracle"], ...],
         Field(min_length=1),

@@ -162,9 +162,21 @@ class LearningEstimator:
 
     def weight_norm(self, region: int) -> float:
         """See `camnet.estimation.protocol.Learns`."""
+        return float(np.linalg.norm(self.law_weights(region)))
+
+    def law_weights(self, region: int) -> Array:
+        """Return the weights (p, outputs) of a region's model that the update law moves: a view, not to be written."""
         model = self.model(region)
         outputs = TWIST_OUTPUTS if model.form == "twist" else UNIT
-        return float(np.linalg.norm(model.weights[:, :outputs]))
+        return model.weights[:, :outputs]
+
+    def model_number(self, region: int) -> int:
+        """Return which model a region has: its own, or the one that all share."""
+        return 0 if self._settings.share else region
+
+    def model_diagnostics(self, region: int) -> dict[str, float]:
+        """Return the figures of ``diagnostics`` of one region's model."""
+        return self._memory_of(region).diagnostics(self._t)
 
     def rollout(self, horizon_s: float, dt_s: float) -> Rollout:
         """See ``TargetFilter.rollout``."""

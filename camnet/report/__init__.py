@@ -3,4 +3,4 @@
 __all__ = ["REPORT_FILES"]
 
 #: what `camnet.report.write` may write; here, as loading that loads Matplotlib
-REPORT_FILES = ("estimates.png", "map.png", "report.html", "video.mp4")
+REPORT_FILES = ("estimates.png", "instruments.png", "map.png", "report.html", "video.mp4")

@@ -90,6 +90,11 @@ def write_report(run: RunData, path: Path) -> None:
     parts += [_headline(summary), picture(run.folder / "map.png", "map"), _video(run.folder / "video.mp4")]
     parts += ["<h2>How well each estimator did</h2>", _estimator_table(run)]
     parts += [picture(run.folder / "estimates.png", "estimates over time")]
+    if (run.folder / "instruments.png").exists():
+        parts += [
+            "<h2>Lyapunov analysis</h2>",
+            picture(run.folder / "instruments.png", "instruments over time"),
+        ]
     parts += ["<h2>Handoffs</h2>", _handoff_table(run)]
     parts += ["<h2>Dwell times</h2>", _nested_table(summary["dwell"])]
     parts += ["<h2>Controller</h2>", _nested_table(summary["controller"])]

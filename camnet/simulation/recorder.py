@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camnet.simulation.coordination import Task
+from camnet.simulation.instruments import INSTRUMENTS, Instruments
 from camnet.simulation.log import RunLog
 from camnet.simulation.loop import NetworkSimulation, Setpoints
 from camnet.types import Array
@@ -32,6 +33,7 @@ def log_columns(
     filters: Sequence[str],
     lost: Sequence[str] = (),
     unsized: Sequence[str] = (),
+    instruments: Sequence[str] = (),
 ) -> list[str]:
     """Names of the log's columns; positions in m, velocities in m/s, quaternions scalar first, body to world.
 
@@ -44,7 +46,8 @@ def log_columns(
     their camera believes to be, ``own_error_m`` how far that is from the truth, ``own_sd_m`` the standard deviation
     that it states, ``own_turn_rad`` the error of its heading, ``own_lost`` 1 without external pose, ``outside_s`` how
     long it is truly outside its region. Of targets in ``unsized``, of unknown size: ``<target>.size`` is what their
-    agents take it for, as a share of the true one, and ``size_sd`` its standard deviation as a share.
+    agents take it for, as a share of the true one, and ``size_sd`` its standard deviation as a share. ``instruments``:
+    what `camnet.simulation.instruments` logs of each target.
     """
     columns = ["t_s"]
     for target in targets:
@@ -59,6 +62,7 @@ def log_columns(
             who = f"{target}.{name}"
             columns += [*_vector(who, "p", "m"), *_quaternion(who, "q"), *_vector(who, "v", "mps")]
             columns += [f"{who}.radius_m"]
+        columns += [f"{target}.{what}" for what in instruments]
     for agent in agents:
         columns += [*_vector(agent, "p", "m"), *_quaternion(agent, "q"), *_vector(agent, "v", "mps")]
         columns += [*_vector(agent, "cam_p", "m"), *_quaternion(agent, "cam_q")]
@@ -78,7 +82,14 @@ class Recorder:
         lost = [world.agent_names[j] for j in self._uncertain]
         unsized = [world.target_names[m] for m in simulation.sizes]
         names = (world.agent_names, world.target_names, simulation.filter_names)
-        self.log = RunLog(log_columns(*names, lost, unsized))
+        wanted = simulation.network.scenario.run.instruments
+        self._instruments = Instruments(simulation) if wanted else None
+        self.log = RunLog(log_columns(*names, lost, unsized, INSTRUMENTS if wanted else ()))
+
+    def finish(self) -> None:
+        """Fill in what is known only when the run is over."""
+        if self._instruments is not None:
+            self._instruments.finish(self.log)
 
     def record(self, setpoints: Setpoints, tasks: Sequence[Task]) -> None:
         """Log the present instant, with the setpoints and tasks just decided."""
@@ -103,6 +114,8 @@ class Recorder:
         for name in s.filter_names:
             e = s.filters[name][m].estimate
             parts += [e.p_world, e.q_world, e.v_world, [e.radius_m]]
+        if self._instruments is not None:
+            parts.append(self._instruments.row(m))
         return parts
 
     def _certificate(self, m: int) -> list[float]:

@@ -95,6 +95,7 @@ def run_network(
         simulation.world.close()
     wall_s = time.perf_counter() - start
     simulation.statistics.finish()
+    recorder.finish()
     network = simulation.network
     learned = collect_learned(simulation.filters, network.basis, network.n_models) if keep_models else []
     summary = summarise(simulation, wall_s, interrupted)

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from camnet.config.models import Scenario
 from camnet.errors import DataError
+from camnet.simulation.instruments import INSTRUMENTS
 from camnet.simulation.log import RunLog
 from camnet.simulation.recorder import log_columns
 from camnet.storage.json_file import read_json
@@ -95,10 +96,20 @@ def read_run(folder: Path) -> RunFiles:
     handoffs = read_json(folder / "handoffs.json")
     _check_handoffs(folder / "handoffs.json", handoffs, scenario)
     estimators = (content["summary"]["estimator_in_charge"], *content["summary"]["baselines"])
-    names = log_columns([a.name for a in scenario.agents], [t.name for t in scenario.targets], estimators)
+    names = log_columns(
+        [a.name for a in scenario.agents],
+        [t.name for t in scenario.targets],
+        estimators,
+        [a.name for a in scenario.agents if a.pose.may_be_lost or a.exit_budget_s > 0.0],
+        [t.name for t in scenario.targets if t.assumed_size is not None],
+        INSTRUMENTS if scenario.run.instruments else (),
+    )
     columns = read_table(folder / "log.parquet", names)
     estimates = tuple(f"{target.name}.{name}." for target in scenario.targets for name in estimators)
-    truth = {name: values for name, values in columns.items() if not name.startswith(estimates)}
+    told = tuple(f".{what}" for what in INSTRUMENTS)
+    truth = {
+        n: values for n, values in columns.items() if not n.startswith(estimates) and not n.endswith(told)
+    }
     _check_log(folder / "log.parquet", truth)
     files = {"summary": path, "handoffs": folder / "handoffs.json", "log": folder / "log.parquet"}
     for name, seal in _seals(content, handoffs, columns).items():
