@@ -40,6 +40,7 @@ class PlannerRows:
     ----------
     known : fixed facts of the agents of one environment
     seeds : of the particles, one an environment
+    searches : whether particles stand in for targets that nobody sees; of no use to who is shown the truth
 
     Raises
     ------
@@ -47,7 +48,8 @@ class PlannerRows:
         A region is neither a box nor a cylinder, or has occluders in it.
     """
 
-    def __init__(self, known: Mapping[str, AgentContext], seeds: Sequence[int] = (0,)) -> None:
+    def __init__(self, known: Mapping[str, AgentContext], seeds: Sequence[int] = (0,), *, searches: bool = True
+    ) -> None:
         contexts = list(known.values())
         slices = contexts[0].layout.slices
         targets = range(contexts[0].layout.n_targets)
@@ -56,12 +58,14 @@ class PlannerRows:
         ).reshape(-1, len(FIELDS))
         self._facts = np.array([_facts(context) for context in contexts])
         self._speeds = np.asarray(contexts[0].speeds, dtype=float)
-        self._dt_s, self._roads = contexts[0].decision_s, road_map(contexts[0].roads)
+        self._dt_s, self._roads = contexts[0].decision_s, road_map(
+            contexts[0].roads if searches else ()
+        )
         e, m = len(seeds), len(targets)
         self._memory: Array = np.zeros((e, m, MEMORY))
         self._memory[..., 6] = -1.0
         self._trust = np.zeros((e, 2))
-        self._particles = np.zeros((e, m, PARTICLES if contexts[0].roads else 0, 5))
+        self._particles = np.zeros((e, m, PARTICLES if contexts[0].roads and searches else 0, 5))
         states = [np.random.SeedSequence([seed, 2]).generate_state(1, np.uint64)[0] for seed in seeds]
         self._seeds = np.maximum(np.array(states, dtype=np.uint64), 1)
 
@@ -89,12 +93,12 @@ class Planner:
     Parameters
     ----------
     known : fixed facts of every agent
-    seed : of the particles
+    seed, searches : see `PlannerRows`
     """
 
-    def __init__(self, known: Mapping[str, AgentContext], seed: int = 0) -> None:
+    def __init__(self, known: Mapping[str, AgentContext], seed: int = 0, *, searches: bool = True) -> None:
         self._names, self._contexts = list(known), dict(known)
-        self._rows = PlannerRows(known, (seed,))
+        self._rows = PlannerRows(known, (seed,), searches=searches)
         self._size = next(iter(known.values())).layout.size
 
     def __call__(

@@ -9,6 +9,8 @@
 | `planner` | fly to the pose from which most will be seen in the next seconds | learning estimator |
 | `oracle` | the same, and who wins nothing minds whatever comes; cameras a little higher | the truth, now and to come |
 | `nearest` | fly towards the nearest estimate | constant-velocity extended Kalman filter |
+| `planner_oracle` | the planner's rule | the truth, now and to come |
+| `blind` | as `static`, and `camnet evaluate` switches all cameras off | (none) |
 | `static` | stay in the middle, look down | (the same) |
 | `random` | any action | (the same) |
 | a file name | what `camnet train` wrote there | the one it was trained with |
@@ -47,13 +49,15 @@ _SINGLE: dict[str, Callable[[AgentContext], Policy]] = {
     "ekf": Learned,
     "nearest": Nearest,
     "static": Static,
+    "blind": Static,
 }
-_ESTIMATOR = {"auction": "learned", "planner": "learned", "nearest": "ekf", "static": "ekf", "random": "ekf"}
+_ESTIMATOR = {"auction": "learned", "planner": "learned", "nearest": "ekf", "static": "ekf", "random": "ekf", "blind": "ekf", "planner_oracle": "oracle"}
 
 _TEAMS: dict[str, Callable[[Mapping[str, AgentContext]], Team]] = {
     "auction": Auction,
     "oracle": Oracle,
     "planner": Planner,
+    "planner_oracle": Planner,
 }
 
 #: names of the built-in agents
@@ -118,8 +122,8 @@ def build_team(name: str, known: Mapping[str, AgentContext], seed: int = 0) -> T
         There is no such agent, or its policy file cannot be read.
     """
     estimator_of(name)  # names are checked in one place
-    if name == "planner":
-        return Planner(known, seed)
+    if name in ("planner", "planner_oracle"):
+        return Planner(known, seed, searches=name == "planner")
     if name in _TEAMS:
         return _TEAMS[name](known)
     if _is_file(name):

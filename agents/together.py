@@ -289,8 +289,8 @@ def build_together(name: str, known: Mapping[str, AgentContext], seeds: Sequence
     facts = _Facts(known)
     if name.endswith(".npz"):
         return _Trained(facts, load_policy(Path(name)))
-    if name == "planner":
-        return PlannerRows(known, seeds)
+    if name in ("planner", "planner_oracle"):
+        return PlannerRows(known, seeds, searches=name == "planner")
     if name == "random":
         return _Random(len(known), seeds)
     kinds: dict[str, Callable[[_Facts], Together]] = {
@@ -298,5 +298,6 @@ def build_together(name: str, known: Mapping[str, AgentContext], seeds: Sequence
         "oracle": _Oracle,
         "nearest": _Nearest,
         "static": _Static,
+        "blind": _Static,
     }
     return kinds.get(name, _Rule)(facts)

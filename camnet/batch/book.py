@@ -17,9 +17,11 @@ from camnet.batch.state import (
     DELAYED,
     DELAYS,
     EFFORT,
+    ENTRIES,
     ERRORS,
     EXITS,
     FIRST_REGION,
+    INSIDE,
     LAP,
     LAST_REGION,
     LOST_S,
@@ -103,12 +105,14 @@ def _follow(model: Model, state: State, e: int, m: int, t_s: float, camera: int)
         track[e, m, LOST_S] = t_s
     last = track[e, m, LAST_REGION]
     moved = region != track[e, m, REGION]
-    if region >= 0 and moved and not was_seen and last >= 0 and last != region:
+    lost, entered = not was_seen and last >= 0 and last != region, region >= 0 and moved and t_s > 0.0
+    state.count[e, ENTRIES] += 1.0 if entered else 0.0
+    if entered and (lost or model.every_entry):
         _open(state, e, m, t_s)
-        entered = region
+        into = region
     else:
-        entered = int(track[e, m, REGION]) if track[e, m, OPEN] >= 0 else -1
-    if moved and track[e, m, OPEN] >= 0 and region != entered:
+        into = int(track[e, m, REGION]) if track[e, m, OPEN] >= 0 else -1
+    if moved and track[e, m, OPEN] >= 0 and region != into:
         _close(state, e, m)  # left again unseen: the attempt has failed
     if seen:
         _sighted(model, state, e, m, t_s, region if region >= 0 else camera)
@@ -206,6 +210,9 @@ def reward_of(model: Model, state: State, e: int, t_s: float, dt_s: float) -> fl
     agents, targets, b = state.bodies.shape[1], state.target.shape[1], state.bodies
     in_view = 0.0
     for m in range(targets):
+        # a fixed camera sees beyond its region
+        could = state.region[e, m] >= 0 or state.cameras.shape[1] > agents
+        state.count[e, INSIDE] += 1.0 if could else 0.0
         for c in range(state.cameras.shape[1]):
             if state.visible[e, c, m] == 1:
                 in_view += 1.0

@@ -12,11 +12,14 @@ from camnet.batch.state import (
     COLLISIONS,
     COMPLETED,
     COUNT,
+    CYCLE,
     DELAYED,
     DELAYS,
     EFFORT,
+    ENTRIES,
     ERRORS,
     EXITS,
+    INSIDE,
     LAP,
     NEAREST,
     SEEN,
@@ -46,6 +49,8 @@ def episode_of(state: State, e: int) -> dict[str, Any]:
     periods = float(state.clock[e, COUNT]) * state.bodies.shape[1]
     return {
         "time_in_view": float(c[SEEN] / max(c[SENSES], 1.0)),
+        "time_inside": float(c[INSIDE] / max(state.clock[e, CYCLE] * state.target.shape[1], 1.0)),
+        "entries": int(c[ENTRIES]),
         "handoffs": {"attempted": int(c[ATTEMPTED]), "completed": int(c[COMPLETED])},
         "reacquisition_delay_s": delay_summary(state.delays[e, : min(int(c[DELAYED]), DELAYS)]),
         "position_rmse_m": {name: _root(v[1], v[0]) for name, v in errors.items()},

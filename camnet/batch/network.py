@@ -71,6 +71,7 @@ class Model(NamedTuple):
     rewards : (6,) in view, reacquired, lost, effort, region exit, collision
     ends : (2,) whether a collision ends the episode; time lost that ends it (inf: none)
     guard : (2,) range from the start and speed at which a body counts as diverged
+    every_entry, cameras_on : whether every entry into a region is a handoff; whether cameras see at all
     in_world : whether actions are setpoints, m and rad, not shares in [-1, 1]
     """
 
@@ -132,6 +133,8 @@ class Model(NamedTuple):
     rewards: Array
     ends: Array
     guard: Array
+    every_entry: bool
+    cameras_on: bool
     in_world: bool
 
 
@@ -151,6 +154,8 @@ class Shown(NamedTuple):
     terminate_on_collision: bool
     lost_limit_s: float
     in_world: bool = False
+    every_entry: bool = False
+    cameras_on: bool = True
 
 
 def _refuse(network: Network) -> None:
@@ -320,5 +325,7 @@ def pack_network(network: Network, shown: Shown) -> Model:
         rewards=np.array(shown.rewards),
         ends=np.array([float(shown.terminate_on_collision), shown.lost_limit_s]),
         guard=np.array([physics.range_limit_m, physics.speed_limit_mps]),
+        every_entry=shown.every_entry,
+        cameras_on=shown.cameras_on,
         in_world=shown.in_world,
     )

@@ -39,14 +39,15 @@ PENDING, DELAYS = 8, 128
 COUNT, CYCLE, NEXT_PLAN, RETURN = 0, 1, 2, 3
 # columns of ``track`` (E, M, 10): what `HandoffTracker` remembers of a target
 WAS_SEEN, REGION, LAST_REGION, LOST_S, FIRST_REGION, LAP, OPEN = 0, 1, 2, 3, 4, 5, 6
-# columns of ``count`` (E, 22): see `camnet.batch.book`
+# columns of ``count`` (E, 24): see `camnet.batch.book`
 SEEN, SENSES, EFFORT, NEAREST, EXITS, COLLISIONS, ATTEMPTED, COMPLETED, DELAYED = range(9)
 ERRORS = (
     9  # three groups (seen, unseen from the third lap, unseen on the first) of count and two sums of squares
 )
 TRACKING = 18  # largest reference error, sum of its squares
 SLIP = 20  # largest squared difference of motion and command, linear and angular
-COUNTS = 22
+INSIDE, ENTRIES = 22, 23  # targets that a camera could see at the ends of decisions, entries into regions
+COUNTS = 24
 
 
 class State(NamedTuple):
@@ -175,6 +176,7 @@ def restart(
         state.streams[first + k] = stream_of(rng)
     _start_agents(model, state, e)
     _start_books(state, e)
+    state.working[e] = 1 if model.cameras_on else 0
 
 
 def _start_agents(model: Model, state: State, e: int) -> None:

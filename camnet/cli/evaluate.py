@@ -14,9 +14,11 @@ __all__ = ["add_parser"]
 
 _DESCRIPTION = """Play agents on worlds and compare them.
 
-Every agent plays the same seeds on every world. The table has means with 95 % bootstrap intervals; each agent is
-compared with --reference seed by seed (sign-flip permutation test). Agents are built-in names (learned, learned_shared,
-adate, ekf, planner, oracle, auction, nearest, static, random) or policy files that `camnet train` wrote (*.npz).
+Every agent plays the same seeds on every world, and so does a blind team (cameras off). `normalised` is 0 for that team
+and 1 for a bound: all targets seen while they are in a region, every entry at once, no effort. The table has means with
+95 % bootstrap intervals; each agent is compared with --reference seed by seed (sign-flip permutation test). Agents are
+built-in names (learned, learned_shared, adate, ekf, planner, planner_oracle, oracle, auction, nearest, static, random)
+or policy files that `camnet train` wrote (*.npz).
 
   camnet evaluate --world quickstart --agents learned,ekf,nearest --episodes 20
   camnet evaluate --world quickstart,loop_8 --agents learned,runs/train/policy.npz --episodes 200 --out runs/scores
@@ -73,6 +75,12 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "--cutoff", type=positive, default=2.0, metavar="M", help="cutoff of OSPA and GOSPA, m (default 2)"
     )
+    parser.add_argument(
+        "--score",
+        choices=("v0", "v1"),
+        help="handoffs that count: v1 every entry into a region, by the truth; v0 only those of targets that were seen "
+        "before (default v1; v0 for ids that end so)",
+    )
     add_set(parser)
     parser.add_argument("--videos", action="store_true", help="film the reference's best and worst episode")
     add_common(parser, "runs/evaluate-seedN; the same command goes on there")
@@ -114,16 +122,24 @@ def _plan(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     reference = args.reference or agents[0]
     if reference not in agents:
         raise ConfigError(f"--reference {reference!r}: is not among --agents {args.agents}")
+    played = agents if "blind" in agents else [*agents, "blind"]
     matches = [
-        Match(agent, world, args.cycles, args.cutoff, tuple(args.overrides))
+        Match(
+            agent, world, args.cycles, args.cutoff, tuple(args.overrides), (("score", _score(args, world)),)
+        )
         for world in worlds
-        for agent in agents
+        for agent in played
     ]
     for world in worlds:
         next(m for m in matches if m.world == world).environment().close()
     start = 1000 * ((args.seed or 0) + 1)
     seeds = tuple(range(start, start + args.episodes))
     return Plan(tuple(matches), seeds, reference, args.back_end, args.jobs, args.seed or 0, args.on)
+
+
+def _score(args: argparse.Namespace, world: str) -> str:
+    """Return which entries count as handoffs on a world."""
+    return str(args.score or ("v0" if world.startswith("camnet/") and world.endswith("-v0") else "v1"))
 
 
 def _names(text: str, option: str) -> list[str]:

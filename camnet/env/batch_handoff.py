@@ -148,7 +148,7 @@ class BatchHandoff(ExactCopies):
     def _open_rules(self) -> None:
         """Set up what actions mean, who fails, and who hears what."""
         settings, network, e = self.settings, self.network, self.environments
-        dt_s = 1.0 / network.scenario.run.decision_hz
+        dt_s = self._dt_s = 1.0 / network.scenario.run.decision_hz
         self._failures = BatchFailures(settings.failures, self.possible_agents, dt_s, e)
         failing = self._failures.possible
         self._mode = batch_mode(network, settings, e, failing)
@@ -268,7 +268,7 @@ class BatchHandoff(ExactCopies):
             return np.zeros((self.environments, self.n_agents), dtype=bool)
         failed = self._failures.draw(self.simulation.outcome[:, TIME])
         if failed.any():
-            self.simulation.set_working(self._failures.alive)
+            self.simulation.set_working(self._failures.alive & (self.settings.cameras == "on"))
         return failed
 
     def _exchange(self, rows: IntArray) -> None:
@@ -304,7 +304,9 @@ class BatchHandoff(ExactCopies):
 
     def _figures(self, e: int) -> dict[str, Any]:
         clock = self.simulation.clock(e)
-        return {"return": float(clock[RETURN]), "length": int(clock[CYCLE]), **self.simulation.episode(e)}
+        length = int(clock[CYCLE])
+        over = {"return": float(clock[RETURN]), "length": length, "duration_s": length * self._dt_s}
+        return {**over, **self.simulation.episode(e)}
 
     def close(self) -> None:
         """End the threads; nothing happens where that was done before."""
@@ -365,4 +367,6 @@ def _shown(settings: EnvSettings, in_world: bool) -> Shown:
         terminate_on_collision=settings.terminate_on_collision,
         lost_limit_s=math.inf if settings.lost_limit_s is None else settings.lost_limit_s,
         in_world=in_world,
+        every_entry=settings.score == "v1",
+        cameras_on=settings.cameras == "on",
     )

@@ -117,7 +117,7 @@ class HandoffEnv(ExactCopies, ParallelEnv[str, Observation, Action]):
 
     def _open(self, scenario: Scenario) -> None:
         """Build the simulation of a scenario and everything that looks at it."""
-        self.simulation = _open_simulation(scenario, self._filter_name)
+        self.simulation = _open_simulation(scenario, self._filter_name, self.settings)
         self.observer = Observer(self.simulation, self.settings)
         self._state = StateEncoder(self.simulation)
         self._mode = action_mode(self.simulation, self.settings, self.possible_agents)
@@ -223,6 +223,7 @@ class HandoffEnv(ExactCopies, ParallelEnv[str, Observation, Action]):
         names = self.agents
         self._mode.fly(self.simulation, given, self._beliefs)
         self._cycle += 1
+        self.simulation.statistics.after_decision(self.simulation)
         reward = self._reward(self.simulation)
         failed = self._fail()
         terminated = self._terminated() or len(failed) == len(names)
@@ -258,7 +259,7 @@ class HandoffEnv(ExactCopies, ParallelEnv[str, Observation, Action]):
         if not self._failures.possible:
             return set()
         alive = self._failures.draw(self.simulation.snapshot.t_s)
-        self.simulation.working[: len(alive)] = alive
+        self.simulation.working[: len(alive)] = alive & (self.settings.cameras == "on")
         return {name for j, name in enumerate(self.possible_agents) if not alive[j] and name in self.agents}
 
     def setpoints(self, actions: dict[str, Action]) -> Setpoints:
@@ -337,7 +338,7 @@ class HandoffEnv(ExactCopies, ParallelEnv[str, Observation, Action]):
         self.simulation.world.close()
 
 
-def _open_simulation(scenario: Scenario, filter_name: str) -> NetworkSimulation:
+def _open_simulation(scenario: Scenario, filter_name: str, settings: EnvSettings) -> NetworkSimulation:
     """Build network and world; the learning estimator is in rows of arrays where its settings allow."""
     network = build_network(scenario)
     if network.uncertain:
@@ -348,7 +349,8 @@ def _open_simulation(scenario: Scenario, filter_name: str) -> NetworkSimulation:
         )
     makers = {"learned": RowFilters()} if filter_name == "learned" and rows_can(network) else {}
     world = PyBulletWorld(network.description)
-    return NetworkSimulation(network, world, (filter_name,), scenario.seed, makers)
+    every, on = settings.score == "v1", settings.cameras == "on"
+    return NetworkSimulation(network, world, (filter_name,), scenario.seed, makers, every, on)
 
 
 def parallel_env(**options: Any) -> HandoffEnv:  # noqa: ANN401 - parameters of HandoffEnv

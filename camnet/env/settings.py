@@ -51,6 +51,10 @@ class EnvSettings(Settings):
     ``action_mode`` and ``region_guard`` are explained in `camnet.env.actions`, ``observation_form`` ("flat" array or
     "dict" of named parts) in `camnet.env.layout`, ``info_form`` ("nested" or "flat" numbers) in `camnet.env.infos`,
     ``message_delay_s`` and ``message_loss`` in `camnet.env.messages`.
+
+    ``score`` says which entries into a region count as handoffs: "v0" those of targets that were seen before,
+    elsewhere, and are unseen now; "v1" every one, by the truth: a team that never looks is charged for all it misses.
+    ``cameras`` "off" blinds the whole network, for comparison.
     """
 
     max_cycles: Annotated[int, Field(gt=0, le=10_000_000)] = 600
@@ -67,6 +71,8 @@ class EnvSettings(Settings):
     message_delay_s: NonNegative = 0.0
     message_loss: Fraction = 0.0
     failures: FailureSettings = FailureSettings()
+    score: Literal["v0", "v1"] = "v0"
+    cameras: Literal["on", "off"] = "on"
 
 
 def merged_settings(settings: EnvSettings | None, options: dict[str, Any]) -> EnvSettings:

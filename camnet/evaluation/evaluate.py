@@ -7,6 +7,7 @@ it was, and more episodes or agents add to those there.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from camnet.evaluation.statistics import compare, interval
 from camnet.processes.place import LOCAL, Place
 from camnet.types import Array
 
-__all__ = ["Plan", "evaluate", "returns_of"]
+__all__ = ["Plan", "evaluate", "normalise", "returns_of"]
 
 #: seeds that one task of a worker plays: long enough to be worth a start, short enough to be kept often
 _CHUNK = {"pybullet": 5, "batch": 50}
@@ -155,6 +156,7 @@ def _table(
 ) -> dict[str, Any]:
     """Figures of all agents on one world, and each beside the reference."""
     matches = {m.agent: m for m in plan.matches if m.world == world}
+    normalise(matches, scores, plan.seeds)
     rng = np.random.default_rng(plan.seed)
     columns = {
         agent: {name: _column(plan, scores[match], name) for name in METRICS}
@@ -179,6 +181,22 @@ def _table(
         "agents": agents,
         "comparisons": comparisons,
     }
+
+
+def normalise(matches: dict[str, Match], scores: dict[Match, dict[int, Score]], seeds: Sequence[int]) -> None:
+    """Put ``bound`` and ``normalised`` in place where a blind team played the same episodes.
+
+    Targets do not mind the agents, so the blind team's episode tells what there was to see.
+    """
+    if "blind" not in matches:
+        return
+    blind = scores[matches["blind"]]
+    for match in matches.values():
+        for seed in seeds:
+            least, most = blind[seed]["return"], blind[seed]["bound"]
+            score = scores[match][seed]
+            score["bound"] = most
+            score["normalised"] = (score["return"] - least) / (most - least) if most > least else math.nan
 
 
 def _column(plan: Plan, scores: dict[int, Score], name: str) -> Array:

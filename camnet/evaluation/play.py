@@ -45,8 +45,13 @@ class Match:
             filter_name=estimator_of(self.agent),
             max_cycles=self.max_cycles,
             render_mode=render_mode,
-            **dict(self.options),
+            **self.env_options,
         )
+
+    @property
+    def env_options(self) -> dict[str, Any]:
+        """Options of the environment; a blind team's cameras are off."""
+        return {**dict(self.options), **({"cameras": "off"} if self.agent == "blind" else {})}
 
 
 def play(match: Match, seeds: Sequence[int], done: Callable[[int], None] | None = None) -> Iterator[Score]:

@@ -56,7 +56,7 @@ def _open(match: Match, environments: int, threads: int, light: bool = False) ->
         threads=threads,
         auto_reset=False,
         max_cycles=match.max_cycles,
-        **dict(match.options),
+        **match.env_options,
     )
 
 

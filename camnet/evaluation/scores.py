@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from camnet.env.settings import RewardSettings
 from camnet.evaluation.set_metrics import IdentityCounter, gospa, ospa
 from camnet.types import Array, BoolArray
 
@@ -29,6 +30,10 @@ class Metric:
 
 METRICS: dict[str, Metric] = {
     "return": Metric("", True, "sum of the shared reward"),
+    "normalised": Metric("", True, "(return - blind) / (bound - blind) of the same episode"),
+    "bound": Metric(
+        "", True, "return of a team that sees all targets in regions, at once and without effort"
+    ),
     "time_in_view": Metric("", True, "share of target-time in which a camera sees the target"),
     "handoff_success": Metric("", True, "handoffs completed / attempted"),
     "reacquisition_delay_s": Metric("s", False, "mean time from entering a region to being seen there"),
@@ -111,7 +116,11 @@ def score_of(episode: Mapping[str, Any], own: Mapping[str, float]) -> Score:
     """Score from what the environment reports at an episode's end and what a recorder has taken down."""
     handoffs = episode["handoffs"]
     attempted = handoffs["attempted"]
+    weights = RewardSettings()
+    most = weights.in_view * episode["duration_s"] * episode["time_inside"]
     found = {
+        "bound": most + weights.reacquired * episode["entries"],
+        "normalised": math.nan,  # takes a blind team's episode, too
         "time_in_view": float(episode["time_in_view"]),
         "handoff_success": handoffs["completed"] / attempted if attempted else math.nan,
         "reacquisition_delay_s": _number(episode["reacquisition_delay_s"]["mean"]),

@@ -16,6 +16,7 @@ __all__ = ["markdown", "write_tables"]
 
 _COLUMNS = (
     "return",
+    "normalised",
     "time_in_view",
     "handoff_success",
     "reacquisition_delay_s",
@@ -35,6 +36,10 @@ def _cell(figure: dict[str, Any] | None) -> str:
     return f"{figure['mean']:.4g} [{low:.4g}, {high:.4g}]"
 
 
+#: the bound's own normalised return
+_ONE = {"mean": 1.0, "ci95": [1.0, 1.0]}
+
+
 def _measured(entry: dict[str, Any]) -> list[str]:
     """Columns in which any agent has a figure."""
     return [name for name in _COLUMNS if any(scores[name] for scores in entry["agents"].values())]
@@ -43,7 +48,13 @@ def _measured(entry: dict[str, Any]) -> list[str]:
 def _rows(entry: dict[str, Any]) -> list[list[str]]:
     order = sorted(entry["agents"], key=lambda a: -entry["agents"][a]["return"]["mean"])
     names = _measured(entry)
-    return [[agent, *(_cell(entry["agents"][agent][name]) for name in names)] for agent in order]
+    rows = [[agent, *(_cell(entry["agents"][agent][name]) for name in names)] for agent in order]
+    if "normalised" in names:  # the bound is an episode's, whoever plays it
+        best = entry["agents"][order[0]]["bound"]
+        rows.insert(
+            0, ["(bound)", *(_cell({"return": best, "normalised": _ONE}.get(name)) for name in names)]
+        )
+    return rows
 
 
 def _differences(entry: dict[str, Any]) -> list[list[str]]:

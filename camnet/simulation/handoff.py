@@ -3,6 +3,9 @@
 A handoff is *attempted* each time a target, after being lost, enters a region other than the one where it was
 last seen. It is *completed* when the target is seen there within ``grace_s`` of entering; its delay is the time
 from entering to being seen.
+
+With ``every_entry`` each entry into a region after the start is attempted, seen before or not: a team that never looks
+then misses them all.
 """
 
 from __future__ import annotations
@@ -42,10 +45,11 @@ class HandoffTracker:
     ----------
     target : index of the target
     grace_s : time allowed between entering a region and being seen there, s
+    every_entry : count every entry into a region, not only those of a target that was seen elsewhere and lost
     """
 
-    def __init__(self, target: int, grace_s: float) -> None:
-        self.target = target
+    def __init__(self, target: int, grace_s: float, every_entry: bool = False) -> None:
+        self.target, self._every = target, every_entry
         self.grace_s = grace_s
         self.handoffs: list[Handoff] = []
         self.visits: list[tuple[float, int]] = []  # (time, region) of every first sighting of a visit
@@ -53,6 +57,8 @@ class HandoffTracker:
         self._t_lost_s = float("nan")
         self._seen = False
         self._region = -1
+        #: how often the target entered a region, seen or not
+        self.entries = 0
         self._open: Handoff | None = None
         self._lap = 1
 
@@ -61,7 +67,9 @@ class HandoffTracker:
         seen = seen_by >= 0
         if self._seen and not seen:
             self._t_lost_s = t_s
-        if self._attempts(region, seen_by):
+        entered = region >= 0 and region != self._region and t_s > 0.0
+        self.entries += entered
+        if entered and (self._every or self._lost_elsewhere(region)):
             self._open = Handoff(self.target, self._last_seen_region, region, self._t_lost_s, t_s)
             self.handoffs.append(self._open)
         if region != self._region and self._open is not None and region != self._open.to_region:
@@ -70,9 +78,8 @@ class HandoffTracker:
             self._sighted(t_s, region if region >= 0 else seen_by)
         self._seen, self._region = seen, region
 
-    def _attempts(self, region: int, seen_by: int) -> bool:
-        entered = region >= 0 and region != self._region
-        return entered and not self._seen and self._last_seen_region not in (-1, region)
+    def _lost_elsewhere(self, region: int) -> bool:
+        return not self._seen and self._last_seen_region not in (-1, region)
 
     def _sighted(self, t_s: float, region: int) -> None:
         if self._open is not None:

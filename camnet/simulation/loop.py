@@ -70,6 +70,8 @@ class NetworkSimulation(ExactCopies):
     filters : names of the estimators to run on the same measurements; the first one drives the agents
     seed : fixes the whole run
     makers : for names that are not in `camnet.simulation.filters.FILTERS` (or stand for something else here)
+    every_entry : whether every entry into a region counts as a handoff (`camnet.simulation.handoff`)
+    cameras_on : whether cameras see anything at all
     """
 
     def __init__(
@@ -79,9 +81,12 @@ class NetworkSimulation(ExactCopies):
         filters: Sequence[str],
         seed: int,
         makers: Mapping[str, FilterMaker] | None = None,
+        every_entry: bool = False,
+        cameras_on: bool = True,
     ) -> None:
         scenario = network.scenario
         self._makers = dict(makers or {})
+        self._every_entry, self._cameras_on = every_entry, cameras_on
         self.network, self.world, self.filter_names = network, world, tuple(filters)
         self.control_dt_s = 1.0 / scenario.controller.rate_hz
         self.sense_every = _whole_ratio("sensing", scenario.controller.rate_hz, scenario.sensing.rate_hz)
@@ -134,7 +139,9 @@ class NetworkSimulation(ExactCopies):
         self._perceiver = self._all_at_once()
         if scenario.run.model is not None:
             start_from(self._saved, scenario.run.model, self.filters, network.basis, network.n_models)
-        self.trackers = [HandoffTracker(m, scenario.handoff.grace_s) for m in range(network.n_targets)]
+        self.trackers = [
+            HandoffTracker(m, scenario.handoff.grace_s, self._every_entry) for m in range(network.n_targets)
+        ]
         handoff = scenario.handoff
         self.gaps = [
             GapRecorder(m, network.regions, handoff.lookahead_s, handoff.rollout_dt_s)
@@ -144,9 +151,8 @@ class NetworkSimulation(ExactCopies):
         self.target_region = np.full(network.n_targets, -1)
         self.spacing_m = math.inf  # least distance between two agents at the last sensing step
         self._outside: tuple[Snapshot | None, BoolArray] = (None, np.zeros(network.n_agents, dtype=bool))
-        self.working: BoolArray = np.ones(
-            len(network.cameras), dtype=bool
-        )  # a camera that does not sees nothing
+        #: which cameras work; one that does not sees nothing
+        self.working: BoolArray = np.full(len(network.cameras), self._cameras_on)
         self._entries: list[list[Entry | None]] = []
         self._next_plan_s = -math.inf
         self.statistics = RunStatistics(self, self._certificates)

@@ -57,7 +57,9 @@ class RunStatistics:
         self._outside = np.zeros(network.n_agents, dtype=bool)
         self._must_stay = np.array([j not in network.exits for j in range(network.n_agents)], dtype=bool)
         self._touching: set[tuple[str, str]] = set()
-        self._seen = self._senses = 0
+        self._seen = self._senses = self._inside = self._decisions = 0
+        # a fixed camera sees beyond its region
+        self._has_fixed = len(network.cameras) > network.n_agents
 
     def after_control(self, simulation: NetworkSimulation) -> None:
         """Count collisions and exits (each once, when it starts), effort and distances between agents."""
@@ -93,6 +95,12 @@ class RunStatistics:
             self._senses += 1
             self._compare(simulation, m, tracker.lap, seen)
             self._watch(simulation, m, camera if seen else int(simulation.target_region[m]), seen)
+
+    def after_decision(self, simulation: NetworkSimulation) -> None:
+        """Count the targets that a camera could see at the end of a decision."""
+        inside = simulation.target_region >= 0
+        self._inside += len(inside) if self._has_fixed else int(np.count_nonzero(inside))
+        self._decisions += len(inside)
 
     def _compare(self, simulation: NetworkSimulation, m: int, lap: int, seen: bool) -> None:
         """Record the errors of all estimators of target ``m``."""
@@ -164,7 +172,10 @@ class RunStatistics:
         delays = np.concatenate([t.delays_s() for t in trackers])
         driving = ErrorRecord.pooled(self.errors[simulation.filter_names[0]])
         return {
+            "duration_s": simulation.snapshot.t_s,
             "time_in_view": self.time_in_view,
+            "time_inside": self._inside / max(self._decisions, 1),
+            "entries": sum(t.entries for t in trackers),
             "handoffs": {
                 "attempted": sum(t.attempted for t in trackers),
                 "completed": sum(t.completed for t in trackers),
