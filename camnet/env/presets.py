@@ -7,6 +7,15 @@
 | `camnet/Handoff-Grid-16-v0` | four robots that turn at random, sixteen regions over the junctions of a street grid |
 | `camnet/Handoff-Pursuit-v0` | three fast robots that overtake each other, six regions |
 | `camnet/Handoff-Failures-v0` | the loop of eight with agents that fail, and messages that come late or get lost |
+| `camnet/Handoff-Crowd-8-v1` | eight robots on a loop, narrow views: whom to look at |
+| `camnet/Handoff-Crowd-8-Loss-v1` | the same, with half of all messages lost, the rest late, and a short range |
+| `camnet/Handoff-City-6-v1` | six robots that turn at random on eight by eight streets: where to search |
+| `camnet/Handoff-Lost-3-v1` | three robots faster than the cameras: where to wait |
+| `camnet/Handoff-Grid-16-v1` | the grid of sixteen, every entry counted |
+
+The ids that end in v1 count every entry into a region as a handoff, by the truth (``score="v1"``,
+`camnet.env.settings.EnvSettings`); those that end in v0 count targets that were seen before. A task of v1 cannot be
+solved by replaying what was done in another episode (`camnet.env.conformance_replay`).
 
 All of them are registered with PettingZoo in both forms; ``pettingzoo.make("parallel", id, ...)`` takes the options of
 `camnet.env.handoff_v0.HandoffEnv` on top. The ids are worlds to `camnet.env.batch_handoff.BatchHandoff` and to
@@ -39,6 +48,17 @@ PRESETS: dict[str, dict[str, Any]] = {
         "communication_range_m": 15.0,
         "failures": {"rate_per_s": 0.002},
     },
+    "camnet/Handoff-Crowd-8-v1": {"world": "crowd_8", "score": "v1"},
+    "camnet/Handoff-Crowd-8-Loss-v1": {
+        "world": "crowd_8",
+        "score": "v1",
+        "message_delay_s": 0.5,
+        "message_loss": 0.5,
+        "communication_range_m": 9.0,
+    },
+    "camnet/Handoff-City-6-v1": {"world": "city_6", "score": "v1"},
+    "camnet/Handoff-Lost-3-v1": {"world": "lost_3", "score": "v1"},
+    "camnet/Handoff-Grid-16-v1": {"world": "grid_16", "score": "v1"},
 }
 #: id of the single-agent form, with Gymnasium
 SINGLE = "camnet/Handoff-Single-v0"
