@@ -46,6 +46,10 @@ def _play(
     return _scaled(total, next(iter(infos.values()))[EPISODE], weights)
 
 
+def _unrecorded(team: Team) -> Callable[[int, Mapping[str, Any]], dict[str, Any]]:
+    return lambda cycle, seen: team(seen)
+
+
 def replay_scores(
     make_env: MakeEnv,
     make_team: Callable[[ParallelEnv[str, Any, Any]], Team],
@@ -77,10 +81,7 @@ def replay_scores(
         team = make_team(env)
         _play(env, seed, record)
         replayed = [_play(env, other, lambda k, seen: taken[min(k, len(taken) - 1)]) for other in others]
-        own = []
-        for other in others:
-            team = make_team(env)
-            own.append(_play(env, other, lambda k, seen: team(seen)))
+        own = [_play(env, other, _unrecorded(make_team(env))) for other in others]
         return float(np.mean(own)), float(np.mean(replayed))
     finally:
         env.close()
