@@ -48,7 +48,8 @@ class PlannerRows:
         A region is neither a box nor a cylinder, or has occluders in it.
     """
 
-    def __init__(self, known: Mapping[str, AgentContext], seeds: Sequence[int] = (0,), *, searches: bool = True
+    def __init__(
+        self, known: Mapping[str, AgentContext], seeds: Sequence[int] = (0,), *, searches: bool = True
     ) -> None:
         contexts = list(known.values())
         slices = contexts[0].layout.slices
@@ -58,9 +59,7 @@ class PlannerRows:
         ).reshape(-1, len(FIELDS))
         self._facts = np.array([_facts(context) for context in contexts])
         self._speeds = np.asarray(contexts[0].speeds, dtype=float)
-        self._dt_s, self._roads = contexts[0].decision_s, road_map(
-            contexts[0].roads if searches else ()
-        )
+        self._dt_s, self._roads = contexts[0].decision_s, road_map(contexts[0].roads if searches else ())
         e, m = len(seeds), len(targets)
         self._memory: Array = np.zeros((e, m, MEMORY))
         self._memory[..., 6] = -1.0

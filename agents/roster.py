@@ -51,7 +51,15 @@ _SINGLE: dict[str, Callable[[AgentContext], Policy]] = {
     "static": Static,
     "blind": Static,
 }
-_ESTIMATOR = {"auction": "learned", "planner": "learned", "nearest": "ekf", "static": "ekf", "random": "ekf", "blind": "ekf", "planner_oracle": "oracle"}
+_ESTIMATOR = {
+    "auction": "learned",
+    "planner": "learned",
+    "nearest": "ekf",
+    "static": "ekf",
+    "random": "ekf",
+    "blind": "ekf",
+    "planner_oracle": "oracle",
+}
 
 _TEAMS: dict[str, Callable[[Mapping[str, AgentContext]], Team]] = {
     "auction": Auction,
