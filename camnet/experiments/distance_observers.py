@@ -23,6 +23,7 @@ from camnet.estimation.structure.tracks import FeatureTracks, SimulatedTracks
 from camnet.experiments.distance_observers_images import board_tracks
 from camnet.experiments.distance_observers_run import PARTS, ROWS, RunResult, run_scene
 from camnet.experiments.distance_observers_scene import BoardScene, SetUp, make_scene
+from camnet.experiments.kept_runs import KeptRuns
 from camnet.report.structure import write_distance_observers
 
 __all__ = ["EXPERIMENT", "PUBLISHED", "print_table", "run"]
@@ -50,7 +51,8 @@ def run(
 ) -> dict[str, Any]:
     """Run the experiment for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
 
-    With ``images`` the corners come from rendered images instead of projections with noise.
+    With ``images`` the corners come from rendered images instead of projections with noise. Runs are kept beside
+    ``out_dir`` (`kept_runs`).
 
     Raises
     ------
@@ -60,19 +62,22 @@ def run(
     if seeds < 1:
         raise ConfigError(f"seeds: {seeds!r} is not a number of runs; give at least 1")
     setup = setup or SetUp()
-    results = []
-    for k in range(seeds):
-
-        def tell(share: float, k: int = k) -> None:
-            if progress is not None:
-                progress((k + share) / seeds)
-
-        scene, tracks = _scene(setup, seed + k, images)
-        results.append(run_scene(setup, scene, tracks, tell))
+    jobs = [(seed + k, images) for k in range(seeds)]
+    runs = KeptRuns(EXPERIMENT, setup, _one, [RunResult])
+    results = runs.results(jobs, _name, out_dir, progress)
     content = {**_summary(setup, results), "input": "rendered images" if images else "simulated tracks"}
     if out_dir is not None:
         write_distance_observers(results, content, Path(out_dir))
     return content
+
+
+def _one(setup: SetUp, job: tuple[int, bool]) -> RunResult:
+    """One run: its seed, and whether images are rendered."""
+    return run_scene(setup, *_scene(setup, *job))
+
+
+def _name(job: tuple[int, bool]) -> str:
+    return f"seed-{job[0]}" + ("-images" if job[1] else "")
 
 
 def _scene(setup: SetUp, seed: int, images: bool = False) -> tuple[BoardScene, FeatureTracks]:

@@ -14,15 +14,17 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
 from camnet.errors import ConfigError
+from camnet.estimation.structure.key_frames.augmented_filter import FilterRun
 from camnet.estimation.structure.odometry import OdometryErrors
+from camnet.experiments.kept_runs import KeptRuns
 from camnet.experiments.key_frame_images import RenderedKeyFrames, image_setup
-from camnet.experiments.key_frame_position_run import ROWS, PositionRun, run_scene
+from camnet.experiments.key_frame_position_run import ROWS, KeyFrameSummary, PositionRun, run_scene
 from camnet.experiments.key_frame_setup import CASES, SetUp, make_scene
 from camnet.experiments.key_frame_tracks import SimulatedKeyFrames, TrackedKeyFrame
 from camnet.geometry.pinhole import Pinhole
@@ -31,6 +33,8 @@ from camnet.report.key_frame_position import write_key_frame_position
 __all__ = ["EXPERIMENT", "PUBLISHED", "print_table", "run"]
 
 EXPERIMENT = "key-frame-position"
+#: share of the work that is drawing, where images are drawn
+_DRAWING = 0.8
 #: bell2019, section 4.6: one run of 560 s; distance errors of the key frames that passed
 PUBLISHED: Mapping[str, Any] = {
     "3px": {
@@ -64,7 +68,7 @@ def run(
     """Run every case for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
 
     With ``images`` corners are found and followed in rendered images of two loops (`key_frame_images`), without map
-    reuse: nothing recognises a place in them.
+    reuse: nothing recognises a place in them. Runs are kept beside ``out_dir`` (`kept_runs`).
 
     Raises
     ------
@@ -74,18 +78,16 @@ def run(
     if seeds < 1:
         raise ConfigError(f"seeds: {seeds!r} is not a number of runs; give at least 1")
     setup = setup or (image_setup(SetUp()) if images else SetUp())
-    results: dict[str, dict[str, list[PositionRun]]] = {}
-    drawn = {seed + k: draw_key_frames(setup, seed + k) for k in range(seeds)} if images else {}
-    for c, case in enumerate(CASES):
-        results[case] = {}
-        for k in range(seeds):
-
-            def tell(share: float, done: float = c + k / seeds) -> None:
-                if progress is not None:
-                    progress((done + share / seeds) / len(CASES))
-
-            for gate, one in run_case(setup, case, seed + k, tell, drawn.get(seed + k)).items():
-                results[case].setdefault(gate, []).append(one)
+    numbers = range(seed, seed + seeds)
+    drawn = _drawn(setup, numbers, out_dir, progress) if images else {}
+    jobs = [_Job(case, number, drawn.get(number)) for case in CASES for number in numbers]
+    runs = KeptRuns(EXPERIMENT, setup, _one, [PositionRun, KeyFrameSummary, FilterRun])
+    share = _DRAWING if images else 0.0
+    found = runs.results(jobs, _name, out_dir, _part(progress, share, 1.0))
+    results: dict[str, dict[str, list[PositionRun]]] = {case: {} for case in CASES}
+    for job, by_gate in zip(jobs, found, strict=True):
+        for gate, one in by_gate.items():
+            results[job.case].setdefault(gate, []).append(one)
     content = {
         "experiment": EXPERIMENT,
         "seeds": seeds,
@@ -99,6 +101,38 @@ def run(
     if out_dir is not None:
         write_key_frame_position(results, content, Path(out_dir))
     return content
+
+
+class _Job(NamedTuple):
+    """A case with one seed; ``drawn`` stands for simulated tracks."""
+
+    case: str
+    seed: int
+    drawn: list[TrackedKeyFrame] | None
+
+
+def _one(setup: SetUp, job: _Job) -> dict[str, PositionRun]:
+    return run_case(setup, job.case, job.seed, drawn=job.drawn)
+
+
+def _name(job: _Job) -> str:
+    return f"{job.case}-{job.seed}" + ("" if job.drawn is None else "-images")
+
+
+def _drawn(
+    setup: SetUp, numbers: Sequence[int], out_dir: Path | str | None, progress: Callable[[float], None] | None
+) -> dict[int, list[TrackedKeyFrame]]:
+    """Key frames read from rendered images, by seed."""
+    drawing = KeptRuns(EXPERIMENT, setup, draw_key_frames, [TrackedKeyFrame])
+    found = drawing.results(numbers, "drawn-{}".format, out_dir, _part(progress, 0.0, _DRAWING))
+    return dict(zip(numbers, found, strict=True))
+
+
+def _part(
+    progress: Callable[[float], None] | None, start: float, end: float
+) -> Callable[[float], None] | None:
+    """Return what is to be told of the shares of a part of the work."""
+    return None if progress is None else lambda share: progress(start + (end - start) * share)
 
 
 def run_case(

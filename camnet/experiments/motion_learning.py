@@ -20,8 +20,9 @@ import numpy as np
 from scipy import stats
 
 from camnet.errors import ConfigError
+from camnet.experiments.kept_runs import digest
 from camnet.experiments.motion_learning_rows import ROWS, SCORED_FROM_S
-from camnet.experiments.motion_learning_runs import digest, read_trace, run_seeds, trace_file
+from camnet.experiments.motion_learning_runs import read_trace, run_seeds, trace_file
 from camnet.experiments.motion_learning_scene import SceneSettings
 from camnet.report.experiments import write_motion_learning
 

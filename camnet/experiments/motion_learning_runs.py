@@ -6,7 +6,6 @@ it was, more seeds add to those there, and nothing of an older program is taken 
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import math
 import os
@@ -17,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-import camnet
 from camnet.errors import DataError
 from camnet.estimation.observation import measured_world_pose
 from camnet.experiments.motion_learning_rows import Trace, build_rows, follow, score
@@ -30,20 +28,12 @@ from camnet.storage.seal import seal_of
 from camnet.storage.whole_file import write_json
 from camnet.types import Array
 
-__all__ = ["digest", "read_trace", "run_seed", "run_seeds", "trace_file"]
+__all__ = ["read_trace", "run_seed", "run_seeds", "trace_file"]
 
 _LOG = logging.getLogger(__name__)
 #: every how many frames a pose is kept for the figures
 KEEP_EVERY = 6
 WORKERS = 2
-
-
-def digest(scene: SceneSettings) -> str:
-    """Return a short digest of the scene and of every source file of the package."""
-    total = hashlib.sha256(scene.model_dump_json().encode())
-    for path in sorted(Path(camnet.__file__).parent.rglob("*.py")):
-        total.update(path.read_bytes())
-    return total.hexdigest()[:16]
 
 
 def trace_file(folder: Path, seed: int) -> Path:

@@ -9,17 +9,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from camnet.errors import ConfigError
-from camnet.experiments.moving_target_gaps import predict_gaps
+from camnet.experiments.kept_runs import KeptRuns
+from camnet.experiments.moving_target_gaps import Gap, predict_gaps
 from camnet.experiments.moving_target_run import learn_structure, scene_tracks, stretches
-from camnet.experiments.moving_target_scale import at_rest, never_at_rest
+from camnet.experiments.moving_target_scale import NeverAtRest, at_rest, never_at_rest
 from camnet.experiments.moving_target_scene import MovingSetUp, Way, make_moving_scene
-from camnet.experiments.moving_target_seen import seen_errors
-from camnet.experiments.moving_target_summary import SPANS_S, OneRun, ScaleRuns, summarise
+from camnet.experiments.moving_target_seen import SeenErrors, seen_errors
+from camnet.experiments.moving_target_summary import SPANS_S, OneRun, ScaleRun, summarise
 from camnet.report.moving_target import write_moving_target
 
 __all__ = ["EXPERIMENT", "print_table", "run"]
@@ -39,6 +40,8 @@ def run(
 ) -> dict[str, Any]:
     """Run the experiment for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
 
+    Runs are kept beside ``out_dir`` (`kept_runs`).
+
     Raises
     ------
     ConfigError
@@ -47,31 +50,17 @@ def run(
     if seeds < 1:
         raise ConfigError(f"seeds: {seeds!r} is not a number of runs; give at least 1")
     setup = setup or MovingSetUp()
-    jobs = [(seed + k, noise, way) for k in range(seeds) for noise in setup.noises_px for way in _WAYS]
-    total, done = len(jobs) + 0.3 * setup.scale_seeds * len(setup.noises_px), 0.0
-
-    def tell(more: float) -> None:
-        nonlocal done
-        done += more
-        if progress is not None:
-            progress(min(done / total, 1.0))
-
-    runs = []
-    for job in jobs:
-        runs.append(_one(setup, *job))
-        tell(1.0)
-    numbers = [(seed + k, noise) for k in range(setup.scale_seeds) for noise in setup.noises_px]
-    rest, rest_scaled, moving = [], [], []
-    for number, noise in numbers:
-        rest.append(at_rest(setup, noise, 0.0, number))
-        rest_scaled.append(at_rest(setup, noise, _SCALE_SD, number))
-        moving.append(never_at_rest(setup, noise, SPANS_S, number))
-        tell(0.3)
+    numbers = range(seed, seed + seeds)
+    ways = [_Job(number, noise, way) for number in numbers for noise in setup.noises_px for way in _WAYS]
+    scales = [_Job(seed + k, noise, None) for k in range(setup.scale_seeds) for noise in setup.noises_px]
+    kept = KeptRuns(EXPERIMENT, setup, _one, [OneRun, SeenErrors, Gap, ScaleRun, NeverAtRest])
+    found = kept.results([*ways, *scales], _name, out_dir, progress)
+    runs: list[OneRun] = [r for r in found if isinstance(r, OneRun)]
     still = never_at_rest(setup, setup.noises_px[0], SPANS_S, seed, still=True)
     content = {
         "experiment": EXPERIMENT,
         "seeds": seeds,
-        **summarise(setup, runs, ScaleRuns(rest, rest_scaled, moving, still)),
+        **summarise(setup, runs, [r for r in found if isinstance(r, ScaleRun)], still),
         "config": setup.model_dump(mode="json"),
     }
     if out_dir is not None:
@@ -80,14 +69,32 @@ def run(
     return content
 
 
-def _one(setup: MovingSetUp, seed: int, noise_px: float, way: Way) -> OneRun:
-    scene = make_moving_scene(setup, noise_px, way, np.random.default_rng(seed))
+class _Job(NamedTuple):
+    """One run of a way, or with no way the scales of one target."""
+
+    seed: int
+    noise_px: float
+    way: Way | None
+
+
+def _name(job: _Job) -> str:
+    return f"{job.way or 'scale'}-{job.noise_px:g}px-{job.seed}"
+
+
+def _one(setup: MovingSetUp, job: _Job) -> OneRun | ScaleRun:
+    if job.way is None:
+        return ScaleRun(
+            at_rest(setup, job.noise_px, 0.0, job.seed),
+            at_rest(setup, job.noise_px, _SCALE_SD, job.seed),
+            never_at_rest(setup, job.noise_px, SPANS_S, job.seed),
+        )
+    scene = make_moving_scene(setup, job.noise_px, job.way, np.random.default_rng(job.seed))
     learned = learn_structure(setup, scene)
     tracks = scene_tracks(scene, learned)
     parts = stretches(setup, scene, tracks)
     return OneRun(
-        noise_px,
-        way,
+        job.noise_px,
+        job.way,
         seen_errors(setup, scene, learned, tracks, parts),
         predict_gaps(scene, tracks, parts, setup.replay, setup.frame_hz),
     )

@@ -16,7 +16,7 @@ from camnet.experiments.moving_target_scene import MovingSetUp, Way
 from camnet.experiments.moving_target_seen import SeenErrors
 from camnet.types import Array
 
-__all__ = ["SPANS_S", "OneRun", "ScaleRuns", "summarise"]
+__all__ = ["SPANS_S", "OneRun", "ScaleRun", "summarise"]
 
 #: durations for targets that never rest, s
 SPANS_S = (30.0, 150.0)
@@ -32,21 +32,22 @@ class OneRun:
     gaps: list[Gap]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class ScaleRuns:
-    """Runs of the scale alone: (relative error, shape error m) at rest, without and with an odometry scale error.
+@dataclass(frozen=True, slots=True)
+class ScaleRun:
+    """Scales of one target: (relative error, shape error m) at rest, without and with an odometry scale error.
 
-    ``moving``: targets that never rest; ``still``: one of them before a still camera.
+    ``moving``: the same target, never at rest.
     """
 
-    at_rest: Sequence[tuple[float, float]]
-    at_rest_scaled: Sequence[tuple[float, float]]
-    moving: Sequence[NeverAtRest]
-    still: NeverAtRest
+    at_rest: tuple[float, float]
+    at_rest_scaled: tuple[float, float]
+    moving: NeverAtRest
 
 
-def summarise(setup: MovingSetUp, runs: Sequence[OneRun], scales: ScaleRuns) -> dict[str, Any]:
-    """Return the result's figures and what they are held against."""
+def summarise(
+    setup: MovingSetUp, runs: Sequence[OneRun], scales: Sequence[ScaleRun], still: NeverAtRest
+) -> dict[str, Any]:
+    """Return the result's figures and what they are held against; ``still``: never at rest before a still camera."""
     worst, printed = identity_errors()
     later = {
         way: [g for r in runs if r.way == way for g in r.gaps if g.lap > 0]
@@ -56,17 +57,17 @@ def summarise(setup: MovingSetUp, runs: Sequence[OneRun], scales: ScaleRuns) -> 
         "identities_max_error": worst,
         "printed_velocity_error_mps": printed,
         "scale": {
-            "rms_pct": _rms_pct([s for s, _ in scales.at_rest]),
-            "rms_pct_odometry_1pct": _rms_pct([s for s, _ in scales.at_rest_scaled]),
-            "shape_mm": 1e3 * _rms(np.array([shape for _, shape in scales.at_rest])),
-            "runs": len(scales.at_rest),
+            "rms_pct": _rms_pct([s for s, _ in (r.at_rest for r in scales)]),
+            "rms_pct_odometry_1pct": _rms_pct([s for s, _ in (r.at_rest_scaled for r in scales)]),
+            "shape_mm": 1e3 * _rms(np.array([shape for _, shape in (r.at_rest for r in scales)])),
+            "runs": len(scales),
         },
         "seen": _seen(setup, runs),
         "gaps": _gap_rows(later["same"]),
         "first_lap": _gap_rows([g for r in runs for g in r.gaps if g.lap == 0]),
         "varied_speed": _gap_rows(later["speed"]),
         "branch": _branch(setup, later["branch"]),
-        "never_at_rest": _never(scales.moving, scales.still),
+        "never_at_rest": _never([r.moving for r in scales], still),
     }
     return {**content, "acceptance": acceptance(content)}
 

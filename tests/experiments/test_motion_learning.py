@@ -16,12 +16,12 @@ from camnet.estimation.observation import measured_world_pose
 from camnet.estimation.protocol import TargetFilter
 from camnet.estimation.settings import EkfSettings
 from camnet.estimation.ukf import ConstantVelocityUKF
+from camnet.experiments.kept_runs import digest
 from camnet.experiments.motion_learning import interval, print_table, run
 from camnet.experiments.motion_learning_published import PublishedEstimator, published_basis
 from camnet.experiments.motion_learning_rows import ROWS, Trace, build_rows, follow, score
 from camnet.experiments.motion_learning_runs import (
     _kept,
-    digest,
     image_noise,
     run_seed,
     run_seeds,
