@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 from camnet.certification.dwell import DwellTime
 from camnet.errors import CertificateError
+from camnet.estimation.structure.moving.unseen_growth import drive, stack_residual
 
 __all__ = [
     "MovingTargetConstants",
@@ -194,13 +195,17 @@ def landmark_off_max_learned(
 
 @dataclass(frozen=True, slots=True)
 class MovingTargetConstants:
-    """Constants of bell2019, chapter 5: V' <= c1 V + c2 before learning, -c3 V + c3 (c4/c3) seen, c5 V + c2 unseen."""
+    """Constants of bell2019, chapter 5: V' <= c1 V + c2 before learning, -c3 V + c3 (c4/c3) seen, c5 V + c2 unseen.
+
+    ``c2_seen`` is c2 before learning, where it is not the same as unseen.
+    """
 
     c1: float
     c2: float
     c3: float
     c4: float
     c5: float
+    c2_seen: float | None = None
 
     @classmethod
     def from_bounds(
@@ -224,8 +229,15 @@ class MovingTargetConstants:
         stack_norm: float,
         stack_size: int,
         window_s: float,
+        repaired: bool = False,
+        velocity_noise: float = 0.0,
     ) -> MovingTargetConstants:
-        """Evaluate c1 to c5.
+        """Evaluate c1 to c5, as printed or repaired.
+
+        Repaired: the camera's turning drops out of c1 and c5, since ``1/2 w (x) q`` is skew in q and ``p^T w^x p``
+        vanishes; unseen, c2 has the share of the stack's residual E that the weights follow, and before all that is
+        learned is used the weights are frozen, so that c2 is eps^2 / 2 there; c4 has E with the noise of the windows'
+        ends.
 
         Parameters
         ----------
@@ -237,6 +249,8 @@ class MovingTargetConstants:
         gamma_inv_min, gamma_inv_max : extreme eigenvalues of Gamma^-1
         k_eta_min, k_nu_min, k_w_min, k_w_max : extreme eigenvalues of the gains
         stack_lambda, stack_norm, stack_size, window_s : threshold, largest eigenvalue, entries and window of the stack
+        repaired : see above
+        velocity_noise : bound of the error of a velocity at a window's end; counts if repaired
 
         Raises
         ------
@@ -246,6 +260,7 @@ class MovingTargetConstants:
         _check_bounds(
             camera_rate_radps=camera_rate_radps, weight_bound=weight_bound, sigma_bar=sigma_bar, sigma_eta=sigma_eta,
             sigma_nu=sigma_nu, nu_bar=nu_bar, phi_q=phi_q, eps_bar=eps_bar, stack_norm=stack_norm, window_s=window_s,
+            velocity_noise=velocity_noise,
         )  # fmt: skip
         _check(
             gamma_inv_min=gamma_inv_min, gamma_inv_max=gamma_inv_max, k_eta_min=k_eta_min, k_nu_min=k_nu_min,
@@ -256,14 +271,20 @@ class MovingTargetConstants:
         twist = 1.0 + half_s + w_eta + weight_bound * sigma_nu
         low = 0.5 * min(1.0, gamma_inv_min)
         high = 0.5 * max(1.0, gamma_inv_max)
-        pose = nu_bar * phi_q + 0.5 + camera_rate_radps + camera_rate_radps * phi_q + w_eta
-        stack = k_w_max * math.sqrt(stack_norm) * stack_size * eps_bar * window_s
+        w = 0.0 if repaired else camera_rate_radps
+        turning = 0.0 if repaired else nu_bar * phi_q + w * phi_q
+        pose = turning + 0.5 + w + w_eta
+        printed = math.sqrt(stack_norm) * stack_size * eps_bar * window_s
+        residual = stack_residual(stack_size, stack_norm, eps_bar, window_s, velocity_noise)
+        stack = k_w_max * (residual if repaired else printed)
+        c2 = 0.5 * eps_bar**2
         return cls(
-            c1=max(0.5 + camera_rate_radps + w_eta, twist, half_s) / low,
-            c2=0.5 * eps_bar**2,
+            c1=max(0.5 + w + w_eta, twist, half_s) / low,
+            c2=drive(eps_bar, k_w_max, stack_lambda, residual) if repaired else c2,
             c3=min(k_eta_min, 0.5 * k_nu_min, 0.5 * k_w_min * stack_lambda) / high,
             c4=eps_bar**2 / (2.0 * k_nu_min) + stack**2 / (2.0 * k_w_min * stack_lambda),
             c5=max(pose, twist, half_s) / low,
+            c2_seen=c2 if repaired else None,
         )
 
 
@@ -276,7 +297,8 @@ def moving_target_initial_max(constants: MovingTargetConstants, v0: float, margi
     if margin_m <= 0.0 or v0 >= level:
         return DwellTime(None, equation, f"the initial level {v0:.4g} is not below e^2/2 = {level:.4g}")
     c = constants
-    return DwellTime(min(_rise_time(rate, c.c2, v0, level) for rate in (c.c1, c.c5)), equation)
+    source = c.c2 if c.c2_seen is None else c.c2_seen
+    return DwellTime(min(_rise_time(rate, source, v0, level) for rate in (c.c1, c.c5)), equation)
 
 
 def moving_target_off_max(constants: MovingTargetConstants, on_s: float, margin_m: float) -> DwellTime:

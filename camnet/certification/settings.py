@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from camnet.certification.structure_settings import StructureBounds
 from camnet.settings import NonNegative, Positive, Settings
 
 __all__ = ["CertificateSettings", "DetectionSettings"]
@@ -42,7 +43,7 @@ class CertificateSettings(Settings):
     measured pose; ``None``: five standard deviations on every axis where the world states them (level ``pose``).
     ``field_slope_per_s`` bounds the Lipschitz constant of the target's own law in the corridor, with which e_v is a
     bound between the points too at which it is taken. ``detection`` says when a target in view counts as seen;
-    ``None``: at once.
+    ``None``: at once. ``structure`` says that agents learn structure from their own motion, and bounds their errors.
     """
 
     eps_bar: NonNegative = 0.01
@@ -58,3 +59,4 @@ class CertificateSettings(Settings):
     orientation_error_rad: NonNegative | None = None
     field_slope_per_s: NonNegative | None = None
     detection: DetectionSettings | None = None
+    structure: StructureBounds | None = None

@@ -34,6 +34,8 @@ def print_certificate(content: dict[str, Any]) -> None:
     _print_transitions(content["transitions"])
     if "own_pose" in content:
         _print_own_poses(content["own_pose"])
+    if "structure" in content:
+        _print_structure(content["structure"])
     if "recorded" in content:
         _print_recorded(content["recorded"])
     needed = content.get("required")
@@ -50,6 +52,24 @@ def _print_own_poses(own: dict[str, Any]) -> None:
         )
     for name, x in own["exits"].items():
         print(f"\nagent {name} may leave its region for {x['budget_s']:g} s: {x['verdict']} ({x['reason']})")
+
+
+def _print_structure(structure: dict[str, Any]) -> None:
+    names = ("published", "repaired", "sound", "learned")
+    print("\ndwell times of structure from motion, s" + "".join(f"{name:>11s}" for name in names))
+    for what, row in structure["dwell_times"].items():
+        cells = (_seconds(row.get(name)) for name in names)
+        print(f"  {what.replace('_', ' '):36s} " + "".join(f"{cell:>11s}" for cell in cells))
+    allowed = structure["allowed_off_s"]
+    if allowed is not None:
+        verdicts = ", ".join(f"{name} {verdict}" for name, verdict in structure["verdicts"].items())
+        print(f"  target out of view for {allowed:g} s: {verdicts}")
+
+
+def _seconds(time: dict[str, Any] | None) -> str:
+    if time is None:
+        return "-"
+    return "none" if time["seconds"] is None else f"{time['seconds']:.3g}"
 
 
 def _print_recorded(r: dict[str, Any]) -> None:

@@ -20,6 +20,7 @@ Writes points.ply, path_tum.txt, path_kitti.txt, structure.mp4 (annotated) and r
 
   camnet structure drive.mp4 --camera camera.yaml --odometry wheels.txt
   camnet structure PHOTOGRAPHS --board 9x6
+  camnet structure PHOTOGRAPHS --board 9x6 --mask MASKS --odometry relative_to_the_board.txt
 
 --odometry is in TUM's format, a line "t x y z qx qy qz qw" a camera pose: for a video at any times that cover it, for a
 folder a line an image. Exit status 1 if odometry and images do not fit each other."""
@@ -38,7 +39,12 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
         "--odometry", type=Path, metavar="FILE", help="the odometry's camera poses, TUM's format"
     )
     parser.add_argument("--camera", type=Path, metavar="FILE", help="intrinsics, OpenCV's YAML or XML")
-    parser.add_argument("--mask", type=Path, metavar="IMAGE", help="corners are found where it is not zero")
+    parser.add_argument(
+        "--mask",
+        type=Path,
+        metavar="IMAGE|FOLDER",
+        help="points are only where it is not zero; a folder: a mask for each image, in their order",
+    )
     parser.add_argument(
         "--board", metavar="COLSxROWS", help="the points are a checkerboard's inner corners, such as 9x6"
     )
@@ -88,8 +94,6 @@ def run(args: argparse.Namespace) -> int:
             scale_sd=args.scale_sd,
         ),
     )
-    if given.mask is not None and given.board is not None:
-        raise ConfigError(f"--mask {args.mask}: --board finds its corners alone; leave one of the two out")
     with output_folder(args, "structure", f"structure-{args.source.stem}") as output:
         assert output is not None  # it has a default name
         with progress_bar(1.0, "structure", "", args.quiet) as advance:

@@ -28,6 +28,7 @@ from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import ground_of
 from camnet.experiments.certify_path import best_verdict, certify_on_path, words_of
 from camnet.experiments.certify_road_world import certify_on_roads
+from camnet.experiments.certify_structure import structure_assumptions, structure_report
 from camnet.experiments.promise_world import Limit
 from camnet.experiments.target_groups import Models, TargetGroup, join_targets, target_groups
 from camnet.geometry.rotations import to_matrix
@@ -88,7 +89,7 @@ def certify_world(
         group.name: _one_class(network, group, limit, on_min_s, model_error_mps, find_largest, asked)
         for group in target_groups(scenario, model)
     }
-    return _complete(network, parts)
+    return _complete(network, parts, limit)
 
 
 def limit_of(scenario: Scenario, off_max_s: float | None, off_max_m: float | None) -> Limit:
@@ -132,7 +133,7 @@ def alone(whole: Network, group: TargetGroup) -> Network:
     return replace(whole, scenario=group.scenario, description=description)
 
 
-def _complete(network: Network, parts: dict[str, Certified]) -> Certified:
+def _complete(network: Network, parts: dict[str, Certified], limit: Limit) -> Certified:
     """Join the targets, and add the dwell-time report of the estimator."""
     joined = join_targets(parts) if len(parts) > 1 else next(iter(parts.values()))
     promises = [part.promise for part in parts.values() if part.promise is not None]
@@ -173,6 +174,9 @@ def _complete(network: Network, parts: dict[str, Certified]) -> Certified:
     if network.own_poses or network.exits:
         content["own_pose"] = own_pose_report(network)
         content["assumptions"] += own_pose_assumptions(network)
+    if network.scenario.certificate.structure is not None:
+        content["structure"] = structure_report(network, limit.off_s)
+        content["assumptions"] += structure_assumptions(network)
     solids = [(occluder.name, occluder.footprint()) for occluder in network.occluders]
     return Certified(with_claims(content, promise), joined.views, joined.lines, promise, solids)
 

@@ -192,6 +192,11 @@ def summary(runs: Sequence[PositionRun]) -> dict[str, Any]:
             "before_all_pct": [k.before_pct for k in passed],
             "active_share": float(np.mean([np.mean(r.usable) for r in runs])),
             "turn_rms_mrad": 1e3 * float(np.sqrt(np.mean([e * e for e, _ in turns]))),
+            "off_view": {
+                "count": sum(k.off_view for k in frames),
+                "broken": sum(k.off_view_broken for k in frames),
+                "largest_share": max((k.off_view_share for k in frames if k.off_view), default=None),
+            },
             "turn_nis": float(np.mean([(e / sd) ** 2 for e, sd in turns])),
         },
     }
@@ -237,6 +242,12 @@ def print_table(result: dict[str, Any]) -> None:
                 f"  key frames       {frames['count']:.0f}, {100.0 * frames['passed_share']:.0f} % pass; "
                 f"distance error {_number(frames['before_pct'])} % before, {_number(frames['after_pct'])} % after"
                 + (f"   published {_shares(print_)}" if print_ else "")
+            )
+            off = frames["off_view"]
+            share = None if off["largest_share"] is None else 100.0 * off["largest_share"]
+            _say(
+                f"  out of view      {off['count']} features predicted; sound bound of the error's growth broken by "
+                f"{off['broken']}, at most {_number(share)} % of it reached"
             )
     _say(f"{result['seeds']} seeds")
 

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ from camnet.experiments.key_frame_revisits import Recognise, find_revisits
 from camnet.experiments.key_frame_setup import CorridorScene, SetUp
 from camnet.experiments.key_frame_tracks import KeyFrameTracks
 from camnet.experiments.key_frame_use import UsedKeyFrame, use_key_frames
+from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.rotations import exp, from_matrix, multiply, to_matrix
 from camnet.types import Array, BoolArray
 
@@ -43,6 +45,9 @@ class KeyFrameSummary:
     usable : whether it passed its dwell time
     whole_pct, before_pct, after_pct : over its life, before and after it passed; NaN of what is not there
     turn_error, turn_sd : error of the visual rotation at its last image, and as stated, rad
+    off_view : features that left the view and were predicted to its last image
+    off_view_broken : how many of them are off by more than the sound bound of their growth
+    off_view_share : largest share of that bound that one of them reached; NaN if there is none
     """
 
     usable: bool
@@ -51,6 +56,9 @@ class KeyFrameSummary:
     after_pct: float
     turn_error: float
     turn_sd: float
+    off_view: int
+    off_view_broken: int
+    off_view_share: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -146,7 +154,7 @@ def _run(
     at = truth.p_world[:, :2]
     return PositionRun(
         truth.t_s, scene.loop, at, paths, {n: np.linalg.norm(x - at, axis=1) for n, x in paths.items()},
-        scene.landmark, feedback.usable, tuple(_summary(k, scene, q_expected) for k in used), filters,
+        scene.landmark, feedback.usable, tuple(_summary(setup, k, scene, q_expected) for k in used), filters,
     )  # fmt: skip
 
 
@@ -211,7 +219,7 @@ def _filter(setup: SetUp, scene: CorridorScene, events: FilterEvents) -> FilterR
     )  # fmt: skip
 
 
-def _summary(key: UsedKeyFrame, scene: CorridorScene, q_expected: Array) -> KeyFrameSummary:
+def _summary(setup: SetUp, key: UsedKeyFrame, scene: CorridorScene, q_expected: Array) -> KeyFrameSummary:
     images, r = key.images, key.record
     d = np.linalg.norm(key.tracked.points_world - scene.truth.p_world[images, None], axis=2)
     share = 100.0 * np.sum(np.abs(r.th[..., 0] - d) * r.alive, axis=1)
@@ -220,8 +228,41 @@ def _summary(key: UsedKeyFrame, scene: CorridorScene, q_expected: Array) -> KeyF
     turn = _turned(q_expected[images]) - _turned(scene.truth.q_world[images]) + r.poses.turn[-1, 1]
     return KeyFrameSummary(
         bool(r.usable.any()), _rms(share), _rms(share[:since]), _rms(share[since:]), float(turn),
-        float(r.poses.turn_sd[-1]),
+        float(r.poses.turn_sd[-1]), *_off_view(setup, key, scene),
     )  # fmt: skip
+
+
+def _off_view(setup: SetUp, key: UsedKeyFrame, scene: CorridorScene) -> tuple[int, int, float]:
+    """Hold features out of view against ``|e_d(t)| <= |p~(0)| + int (dv + dw d)``, with the odometry's true errors.
+
+    It is the growth that `camnet.certification.bell_dwell.landmark_off_max_sound` bounds, for a single distance.
+    """
+    r, truth, odometry = key.record, scene.truth, scene.odometry
+    lost = np.flatnonzero(r.alive[0] & ~r.alive[-1])
+    if not len(lost):
+        return 0, 0, math.nan
+    last = np.sum(r.alive[:, lost], axis=0) - 1  # a lost feature does not come back
+    first, end = key.images.start, key.images.stop
+    to_camera = np.swapaxes(to_matrix(truth.q_world[first:end]), 1, 2)
+    away = key.tracked.points_world[None, lost] - truth.p_world[first:end, None]
+    point = np.einsum("tij,tnj->tni", to_camera, away)
+    d = np.linalg.norm(point, axis=2)
+    dv, dw = (
+        np.linalg.norm(a[first:end] - b[first:end], axis=1)
+        for a, b in ((odometry.v_cam, truth.v_cam), (odometry.w_cam, truth.w_cam))
+    )
+    growth = dv[:, None] + dw[:, None] * d
+    dt = np.diff(truth.t_s[first:end], prepend=truth.t_s[first])
+    # a period's velocities may differ from those at its ends: the larger of both ends
+    step = dt[:, None] * np.maximum(growth, np.concatenate([growth[:1], growth[:-1]]))
+    grown = np.cumsum(step, axis=0)
+    number = np.arange(len(lost))
+    u = Pinhole.from_settings(setup.world.camera).unproject(key.tracked.pixels[last, lost])
+    start = np.linalg.norm(r.th[last, lost, 0][:, None] * u - point[last, number], axis=1)
+    bound = start + grown[-1] - grown[last, number]
+    error = np.abs(r.th[-1, lost, 0] - d[-1])
+    share = error / bound
+    return len(lost), int(np.sum(share > 1.0)), float(share.max())
 
 
 def _rms(values: Array) -> float:

@@ -11,14 +11,13 @@ The intrinsics come from a file; with a board they may be calibrated from the im
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from camnet.errors import DataError
 from camnet.estimation.structure.image_tracks import ImageTracks, TrackerSettings
@@ -27,6 +26,7 @@ from camnet.estimation.structure.tracks import TrackedFrame
 from camnet.geometry.pinhole import Pinhole
 from camnet.geometry.rotations import slerp, to_matrix
 from camnet.geometry.settings import Intrinsics
+from camnet.importers.image_masks import open_masks
 from camnet.importers.image_sequence import ImageSequence, open_images
 from camnet.importers.opencv_camera import read_opencv_intrinsics
 from camnet.importers.poses import read_tum
@@ -36,7 +36,6 @@ from camnet.types import Array, Pose
 
 __all__ = ["StructureInput", "print_table", "run"]
 
-_Image = NDArray[np.uint8]
 #: rate of the annotated video of a folder, and images that a calibration needs
 _FOLDER_HZ, _LEAST_CALIBRATION = 2.0, 5
 
@@ -50,7 +49,7 @@ class StructureInput:
     source : video, or folder of images
     odometry : TUM file of the odometry's camera poses; None: no scale
     camera : OpenCV's camera file; None: calibrated from the board
-    mask : image whose non-zero pixels may hold corners
+    mask : image whose non-zero pixels may hold corners, or folder with one such image for each image
     board : inner corners across and down; None: corners of any kind
     settings, tracker : see their classes
     key_px : movement of the features between key images, pixels
@@ -130,17 +129,33 @@ def _content(result: Reconstruction, camera: Pinhole, calibration_px: float | No
 def _board_frames(images: ImageSequence, given: StructureInput) -> list[tuple[int, TrackedFrame]]:
     """Images in which the board was found, with the numbers of the images."""
     assert given.board is not None
+    masks = None if given.mask is None else open_masks(given.mask, images)
     out = []
-    for k, image in enumerate(images.frames()):
-        corners = _board_corners(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), given.board)
-        if corners is not None:
+    for k, grey in _grey(given, images):
+        corners = _board_corners(grey, given.board)
+        if corners is not None and (masks is None or masks.hold(k, corners)):
             out.append((k, TrackedFrame(_time(images, k), np.arange(len(corners)), corners)))
     if len(out) < 2:
         raise DataError(
             f"{given.source}: a board of {given.board[0]} x {given.board[1]} inner corners was found in {len(out)} "
-            "images; two are needed"
+            f"images{'' if masks is None else ' within the mask'}; two are needed"
         )
     return out
+
+
+def _grey(given: StructureInput, images: ImageSequence) -> Iterator[tuple[int, Any]]:
+    """Numbers and grey images, all of one size."""
+    size: tuple[int, ...] | None = None
+    for k, image in enumerate(images.frames()):
+        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        if size is not None and grey.shape != size:
+            name = images.images[k] if images.images else f"{given.source}, image {k}"
+            raise DataError(
+                f"{name}: {grey.shape[1]} x {grey.shape[0]} pixels; the images before have {size[1]} x {size[0]}, "
+                "and one camera takes one size"
+            )
+        size = grey.shape
+        yield k, grey
 
 
 def _board_corners(grey: Any, board: tuple[int, int]) -> Array | None:  # noqa: ANN401 - OpenCV's image
@@ -156,19 +171,11 @@ def _board_corners(grey: Any, board: tuple[int, int]) -> Array | None:  # noqa: 
 
 def _followed(images: ImageSequence, given: StructureInput) -> list[tuple[int, TrackedFrame]]:
     """Key images of corners that were followed."""
-    mask = None if given.mask is None else _mask(given.mask)
+    masks = None if given.mask is None else open_masks(given.mask, images)
 
-    def grey() -> Any:  # noqa: ANN401 - a generator of times and images
-        for k, image in enumerate(images.frames()):
-            plain = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-            if mask is not None and mask.shape != plain.shape:
-                raise DataError(
-                    f"{given.mask}: {mask.shape[::-1]} pixels; the images have {plain.shape[::-1]}"
-                )
-            yield _time(images, k), plain
-
+    plain = ((_time(images, k), grey) for k, grey in _grey(given, images))
     kept: list[tuple[int, TrackedFrame]] = []
-    for k, frame in enumerate(ImageTracks(grey(), given.tracker, mask=mask)):
+    for k, frame in enumerate(ImageTracks(plain, given.tracker, mask=masks)):
         if not kept or _moved(kept[-1][1], frame) >= given.key_px:
             kept.append((k, frame))
     return kept
@@ -181,15 +188,6 @@ def _moved(a: TrackedFrame, b: TrackedFrame) -> float:
         return np.inf
     away = b.pixels[np.isin(b.ids, shared)] - a.pixels[np.isin(a.ids, shared)]
     return float(np.median(np.linalg.norm(away, axis=1)))
-
-
-def _mask(path: Path) -> _Image:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise DataError(
-            f"{path}: cannot be read as an image; a mask, not zero where corners may be, was expected"
-        )
-    return np.asarray(image, dtype=np.uint8)
 
 
 def _time(images: ImageSequence, k: int) -> float:

@@ -81,6 +81,8 @@ def page_tail(report: dict[str, Any]) -> list[str]:
             "<h2>Cameras</h2><p>Pan: anticlockwise from the x axis; tilt: below the horizon.</p>",
             table(head, [tuple(c[k] for k in keys) for c in cameras]),
         ]
+    if report.get("structure"):
+        body += _structure(report["structure"])
     if report.get("assumptions"):
         items = "".join(f"<li>{shown(a)}</li>" for a in report["assumptions"])
         body.append(f"<h2>Assumptions</h2><ul>{items}</ul>")
@@ -93,6 +95,26 @@ def page_tail(report: dict[str, Any]) -> list[str]:
         ]
         body += ["<h2>Published theorems</h2>", _THEOREMS, table(("certificate", "verdict", "reason"), rows)]
     return body
+
+
+def _structure(structure: dict[str, Any]) -> list[str]:
+    """Dwell times of agents that learn structure from their own motion."""
+    names = ("published", "repaired", "sound", "learned")
+    rows: list[tuple[object, ...]] = []
+    reasons = []
+    for what, row in structure["dwell_times"].items():
+        words = what.replace("_", " ")
+        cells = [row[n]["seconds"] if row[n]["seconds"] is not None else "none" for n in names if n in row]
+        there = iter(cells)
+        rows.append((words, *(next(there) if n in row else "" for n in names)))
+        reasons += [f"{words}, {n}: {row[n]['reason']}" for n in names if n in row and row[n]["reason"]]
+    items = "".join(f"<li>{shown(r)}</li>" for r in reasons)
+    return [
+        "<h2>Dwell times of structure from motion</h2>"
+        "<p>bell2019, chapters 4 and 5: least times in view, and longest times out of view, s.</p>",
+        table(("", *names), rows),
+        f"<ul>{items}</ul>" if items else "",
+    ]
 
 
 def _capital(text: str) -> str:

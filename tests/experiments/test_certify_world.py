@@ -10,6 +10,7 @@ import pytest
 from fitted_models import fitted_model
 
 from camnet.certification.growth import PlanarField
+from camnet.cli.certify_print import print_certificate
 from camnet.config.load import load_scenario
 from camnet.config.models import Occluder
 from camnet.errors import CertificateError, DataError
@@ -305,3 +306,33 @@ def test_e_v_is_a_bound_only_with_a_stated_slope_of_the_law():
     assert (sampled.source, bounded.source) == ("sampled", "deterministic")
     assert noisy.source == "sampled"  # one measurement may be off by more than e(0)
     assert sampled.model_error_mps < bounded.model_error_mps < 0.02
+
+
+def test_worlds_that_state_errors_of_structure_have_its_dwell_times(capsys, tmp_path):
+    world = load_scenario("quickstart", overrides=["certificate.structure.speed_error_mps=0.05"])
+    done = certify_world(world, find_largest=False)
+    structure = done.report["structure"]
+    times = structure["dwell_times"]
+    off = times["landmark_out_of_view"]
+    assert set(off) == {"published", "sound", "learned"}
+    # 0.24 m of room, 0.05 m/s and 0.002 rad/s at 5 m
+    assert off["sound"]["seconds"] == pytest.approx(0.24 / (np.sqrt(2.0) * (0.05 + 0.002 * 5.0)))
+    assert off["learned"]["seconds"] > off["sound"]["seconds"]
+    target = times["target_out_of_view"]
+    assert target["published"]["seconds"] is None
+    assert target["repaired"]["seconds"] is None
+    assert target["learned"]["seconds"] > target["sound"]["seconds"] > 1.0
+    allowed = structure["allowed_off_s"]
+    expected = "certified" if target["sound"]["seconds"] >= allowed else "not certified"
+    assert structure["verdicts"]["sound"] == expected
+    assert structure["verdicts"]["published"] == "unsatisfiable"
+    assert any(words.startswith("structure:") for words in done.report["assumptions"])
+    write_certificate(tmp_path, done.report, done.views, done.lines)
+    assert "Dwell times of structure from motion" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    print_certificate({**done.report})
+    assert "landmark out of view" in capsys.readouterr().out
+    json.dumps(done.report, allow_nan=False)
+
+
+def test_worlds_that_state_nothing_of_structure_have_none():
+    assert "structure" not in certify_world(load_scenario("quickstart"), find_largest=False).report

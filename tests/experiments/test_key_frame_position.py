@@ -35,6 +35,11 @@ def test_result_has_every_case_gate_and_row(result, capsys):
                 assert cells["max_m"] >= cells["rms_m"]["mean"]
             assert 0.0 <= part["key_frames"]["passed_share"] <= 1.0
             assert 35 < part["key_frames"]["count"] < 50
+            # predictions of features out of view keep within the sound bound, and come near it
+            off = part["key_frames"]["off_view"]
+            assert off["count"] > 100
+            assert off["broken"] == 0
+            assert 0.5 < off["largest_share"] <= 1.0
     for name in ("paths", "errors", "distances"):
         assert (folder / f"{name}_mixed_3px.png").stat().st_size > 1000
     page = (folder / "page.html").read_text()

@@ -91,6 +91,65 @@ def test_board_photographs_with_wrong_odometry(photographs, tmp_path, capsys, se
     assert result["consistent"]
 
 
+def masks_of_boards(files, folder):
+    """Write a mask an image: the board's outline, with half a square around it."""
+    folder.mkdir()
+    for k, file in enumerate(files):
+        grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        _, corners = cv2.findChessboardCornersSB(grey, (9, 6))
+        mask = np.zeros_like(grey)
+        cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(corners).astype(np.int32)), 255)
+        cv2.imwrite(str(folder / f"mask_{k:02d}.png"), cv2.dilate(mask, np.ones((9, 9), np.uint8)))
+    return folder
+
+
+@needs_photographs
+def test_masks_for_each_photograph(photographs, tmp_path, capsys):
+    files, where, p, q = photographs
+    p, q = p[where], q[where]
+    at, turned = wrong_odometry(p, q, np.random.default_rng(5))
+    write_tum(tmp_path / "odometry.txt", np.arange(float(len(at))), at, turned)
+    folder = copied(files, tmp_path / "views", where)
+    masks = masks_of_boards(sorted(folder.iterdir()), tmp_path / "masks")
+    words = [
+        "structure",
+        str(folder),
+        "--board",
+        "9x6",
+        "--odometry",
+        str(tmp_path / "odometry.txt"),
+        "--quiet",
+    ]
+    assert main([*words, "--mask", str(masks), "--out", str(tmp_path / "out")]) == 0
+    _, path, _ = read_tum(tmp_path / "out" / "path_tum.txt")
+    assert similarity_error(path, p)[0] <= 0.3 * similarity_error(at, p)[0]
+    # a mask that hides the board of one image takes that image out; masks that hide all of them are refused
+    hidden = np.zeros((480, 640), np.uint8)
+    hidden[:5, :5] = 255
+    cv2.imwrite(str(masks / "mask_03.png"), hidden)
+    assert main([*words, "--mask", str(masks), "--out", str(tmp_path / "fewer")]) == 0
+    result = json.loads((tmp_path / "fewer" / "result.json").read_text())
+    assert result["images"] == len(where) - 1
+    (masks / "mask_00.png").unlink()
+    assert main([*words, "--mask", str(masks), "--out", str(tmp_path / "none")]) == 2
+    assert f"{len(where) - 1} masks for {len(where)} images" in capsys.readouterr().err
+
+
+@needs_photographs
+def test_images_of_two_sizes_and_a_single_one_are_refused(photographs, tmp_path, capsys):
+    files, where, _, _ = photographs
+    folder = copied(files, tmp_path / "views", where[:3])
+    words = ["--board", "9x6", "--out", str(tmp_path / "out"), "--quiet"]
+    second = folder / "view_01.jpg"
+    cv2.imwrite(str(second), cv2.resize(cv2.imread(str(second)), (320, 240)))
+    assert main(["structure", str(folder), *words]) == 2
+    assert "view_01.jpg: 320 x 240 pixels; the images before have 640 x 480" in capsys.readouterr().err
+    one = copied(files, tmp_path / "one", where[:1])
+    assert main(["structure", str(one), *words]) == 2
+    assert "in 1 images" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @needs_photographs
 def test_shuffled_photographs_fail(photographs, tmp_path):
     files, where, p, q = photographs
@@ -260,7 +319,7 @@ def test_cameras_of_opencv_are_read_and_others_refused(tmp_path):
     [
         ([], "--camera"),
         (["--board", "9by6"], "--board '9by6'"),
-        (["--board", "9x6", "--mask", "m.png"], "--mask m.png"),
+        (["--board", "9x6", "--mask", "m.png"], "m.png"),
         (["--odometry", "none.txt", "--board", "9x6"], "none.txt"),
     ],
 )

@@ -12,7 +12,7 @@ A lost corner never comes back under its old number.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import cv2
@@ -22,7 +22,7 @@ from pydantic import Field
 
 from camnet.estimation.structure.tracks import TrackedFrame
 from camnet.settings import Fraction, NonNegative, Positive, Settings
-from camnet.types import Array, IntArray
+from camnet.types import Array, BoolArray, IntArray
 
 __all__ = ["ImageTracks", "TrackerSettings"]
 
@@ -52,7 +52,8 @@ class ImageTracks:
     images : times in s and grey images (height, width), in the order of time
     settings : see `TrackerSettings`
     start : (N, 2) corners to follow from the first image on, pixels; None: they are found, and renewed
-    mask : (height, width) where corners may be found, not zero; None: everywhere
+    mask : (height, width) where corners may be, not zero, or a function that returns it for an image's number;
+        None: everywhere
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class ImageTracks:
         images: Iterable[tuple[float, _Image]],
         settings: TrackerSettings,
         start: Array | None = None,
-        mask: _Image | None = None,
+        mask: _Image | Callable[[int], _Image] | None = None,
     ) -> None:
         self._images, self._s, self._mask = images, settings, mask
         self._given = start
@@ -70,26 +71,32 @@ class ImageTracks:
         ids: IntArray = np.empty(0, dtype=np.int64)
         pixels, fresh = np.empty((0, 2)), 0
         last: _Image | None = None
-        for t, image in self._images:
+        for number, (t, image) in enumerate(self._images):
             if last is None:
                 pixels = (
-                    self._find(image, pixels) if self._given is None else self._refine(image, self._given)
+                    self._find(number, image, pixels)
+                    if self._given is None
+                    else self._refine(image, self._given)
                 )
                 ids, fresh = np.arange(len(pixels)), len(pixels)
             else:
                 kept, pixels = self._follow(last, image, pixels)
                 ids = ids[kept]
+                if callable(self._mask):  # what is to be looked at moves in the image
+                    inside = _inside(self._mask(number), pixels)
+                    ids, pixels = ids[inside], pixels[inside]
                 if self._given is None and len(ids) < self._s.renew_share * self._s.corners:
-                    more = self._find(image, pixels)
+                    more = self._find(number, image, pixels)
                     ids = np.concatenate([ids, fresh + np.arange(len(more))])
                     pixels, fresh = np.concatenate([pixels, more]), fresh + len(more)
             last = image
             yield TrackedFrame(t, ids, pixels)
 
-    def _find(self, image: _Image, known: Array) -> Array:
+    def _find(self, number: int, image: _Image, known: Array) -> Array:
         """Corners (K, 2) that are not near the ones known."""
         s = self._s
-        mask = np.full(image.shape, 255, dtype=np.uint8) if self._mask is None else self._mask.copy()
+        given = self._mask(number) if callable(self._mask) else self._mask
+        mask = np.full(image.shape, 255, dtype=np.uint8) if given is None else given.copy()
         for x, y in known.tolist():
             cv2.circle(mask, (round(x), round(y)), round(s.spacing_px), 0, -1)
         wanted = s.corners - len(known)
@@ -133,3 +140,9 @@ class ImageTracks:
         better = cv2.cornerSubPix(image, start, window, (-1, -1), _STOP).reshape(-1, 2)
         near = np.linalg.norm(better - pixels, axis=1, keepdims=True) < s.refine_px
         return np.where(near, better, pixels).astype(np.float64)
+
+
+def _inside(mask: _Image, pixels: Array) -> BoolArray:
+    """Return which pixels (N, 2) lie where the mask is not zero."""
+    at = np.rint(pixels).astype(int)
+    return np.asarray(mask[at[:, 1], at[:, 0]] > 0)
