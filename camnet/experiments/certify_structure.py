@@ -1,12 +1,13 @@
 """Dwell times of agents that learn structure from their own motion, of a world that states their errors.
 
-Part of the report of ``camnet certify`` where ``certificate.structure`` is there: the times of bell2019, chapters 4
-and 5, as ``published``, ``sound`` and ``learned`` side by side. ``learned`` comes from stretches simulated with errors
-drawn within the stated bounds, and holds for 95 % of the cases with 95 % confidence.
+Part of the report of ``camnet certify`` where ``certificate.structure`` is there or agents fly by key frames: the
+times of bell2019, chapters 4 and 5, as ``published``, ``sound`` and ``learned`` side by side. ``learned`` comes from
+stretches simulated with errors drawn within the bounds, and holds for 95 % of the cases with 95 % confidence.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from camnet.certification.bell_dwell import (
     moving_target_off_max,
 )
 from camnet.certification.dwell import DwellTime
+from camnet.certification.outage import bounds_of
 from camnet.certification.structure_dwell import (
     TargetErrors,
     inscribed_radius,
@@ -34,7 +36,7 @@ from camnet.geometry.frustum import Frustum
 from camnet.simulation.certificates import feature_extent
 from camnet.simulation.network import Network
 
-__all__ = ["structure_assumptions", "structure_report"]
+__all__ = ["structure_assumptions", "structure_bounds", "structure_report"]
 
 #: simulated stretches are at most so long, s
 _LONGEST_S = 120.0
@@ -49,8 +51,8 @@ def structure_report(network: Network, allowed_s: float | None) -> dict[str, Any
     CertificateError
         A bound of ``certificate.structure`` cannot be.
     """
-    s = network.scenario.certificate.structure
-    assert s is not None  # asked only where there is one
+    s = structure_bounds(network)
+    assert s is not None  # asked only where there are some
     speed = s.camera_speed_mps or network.scenario.physics.quadrotor.v_max_mps
     range_m, ball = _view(network)
     margin = ball - feature_extent(network)
@@ -69,7 +71,7 @@ def structure_report(network: Network, allowed_s: float | None) -> dict[str, Any
 
 def structure_assumptions(network: Network) -> list[str]:
     """Return what the dwell times rest on, in words."""
-    s = network.scenario.certificate.structure
+    s = structure_bounds(network)
     assert s is not None
     return [
         f"structure: velocities are measured to {s.speed_error_mps:g} m/s and {s.rate_error_radps:g} rad/s; when a "
@@ -78,6 +80,34 @@ def structure_assumptions(network: Network) -> list[str]:
         "structure: times in view are accumulated time of informative motion after a distance is learned, of all "
         "features that remain",
     ]
+
+
+def structure_bounds(network: Network) -> StructureBounds | None:
+    """Return the bounds that a world states, else those of its agents that fly by key frames; None if it has neither.
+
+    Of these agents, the scale that calibration leaves, at the speed of their references, and the gyro's bias. Noise
+    that adds ``n`` of position in one second has moved it by ``n sqrt(t) <= n (1 + t) / 2`` after t: half of that is
+    there from the beginning.
+    """
+    stated = network.scenario.certificate.structure
+    sources = [a.pose for a in network.scenario.agents if a.pose.source == "key_frames"]
+    if stated is not None or not sources:
+        return stated
+    speed = network.scenario.controller.reference_v_max_mps
+    whole = [bounds_of(source, 1.0, speed) for source in sources]
+    noise = max(0.5 * b.bounds.sigmas * b.walk_p_m for b in whole)
+    turn = max(0.5 * b.bounds.sigmas * b.walk_th_rad for b in whole)
+    default = StructureBounds()
+    room = default.landmark.error_hi_m - math.sqrt(2.0) * (noise + turn * default.landmark.distance_max_m)
+    return StructureBounds(
+        speed_error_mps=max(b.bounds.scale for b in whole) * speed + noise,
+        rate_error_radps=max(b.bounds.gyro_bias_radps for b in whole) + turn,
+        camera_speed_mps=speed,
+        landmark=default.landmark.model_copy(update={"error_hi_m": max(room, 1e-6)}),
+        target=default.target.model_copy(
+            update={"position_m": default.target.position_m + noise + turn * _view(network)[0]}
+        ),
+    )
 
 
 def _view(network: Network) -> tuple[float, float]:

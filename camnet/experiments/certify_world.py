@@ -28,7 +28,7 @@ from camnet.experiments.certified import Certified, dwell_times
 from camnet.experiments.certify_flow import ground_of
 from camnet.experiments.certify_path import best_verdict, certify_on_path, words_of
 from camnet.experiments.certify_road_world import certify_on_roads
-from camnet.experiments.certify_structure import structure_assumptions, structure_report
+from camnet.experiments.certify_structure import structure_assumptions, structure_bounds, structure_report
 from camnet.experiments.promise_world import Limit
 from camnet.experiments.target_groups import Models, TargetGroup, join_targets, target_groups
 from camnet.geometry.rotations import to_matrix
@@ -174,7 +174,7 @@ def _complete(network: Network, parts: dict[str, Certified], limit: Limit) -> Ce
     if network.own_poses or network.exits:
         content["own_pose"] = own_pose_report(network)
         content["assumptions"] += own_pose_assumptions(network)
-    if network.scenario.certificate.structure is not None:
+    if structure_bounds(network) is not None:
         content["structure"] = structure_report(network, limit.off_s)
         content["assumptions"] += structure_assumptions(network)
     solids = [(occluder.name, occluder.footprint()) for occluder in network.occluders]

@@ -22,6 +22,7 @@ from camnet.experiments.certify_flow import (
     model_errors,
     true_velocity,
 )
+from camnet.experiments.certify_structure import structure_bounds, structure_report
 from camnet.experiments.certify_world import certify_world
 from camnet.experiments.falsify import falsify_world
 from camnet.experiments.falsify_flow import velocities
@@ -336,3 +337,30 @@ def test_worlds_that_state_errors_of_structure_have_its_dwell_times(capsys, tmp_
 
 def test_worlds_that_state_nothing_of_structure_have_none():
     assert "structure" not in certify_world(load_scenario("quickstart"), find_largest=False).report
+
+
+def test_agents_that_fly_by_key_frames_have_dwell_times_of_their_own_velocity_source():
+    named = "agents.camera_0.pose"
+    world = load_scenario(
+        "quickstart", overrides=[f"{named}.source=key_frames", f"{named}.velocity.scale=0.02"]
+    )
+    network = build_network(world)
+    bounds = structure_bounds(network)
+    assert bounds.speed_error_mps == pytest.approx(
+        0.04 * world.controller.reference_v_max_mps + 0.5 * 5.0 * 0.01
+    )
+    better = structure_bounds(
+        build_network(
+            load_scenario(
+                "quickstart", overrides=[f"{named}.source=key_frames", f"{named}.velocity.scale=0.0"]
+            )
+        )
+    )
+    off = [
+        structure_report(n, None)["dwell_times"]["target_out_of_view"]["sound"]["seconds"] for n in (network,)
+    ]
+    assert better.speed_error_mps < bounds.speed_error_mps
+    assert 0.5 < off[0] < 60.0
+    # n sqrt(t) is never above what is added for it
+    t = np.linspace(0.0, 100.0, 1001)
+    assert np.all(np.sqrt(t) <= 0.5 * (1.0 + t))
