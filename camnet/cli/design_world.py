@@ -30,7 +30,8 @@ def add_world_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="WHERE",
         help="where cameras may be: a CSV (name,x,y,z[,pan_min,pan_max,tilt_min,tilt_max,cost]; m, degrees), "
-        "a GeoJSON of points with name and height and the same properties (longitude and latitude with --origin), "
+        "a GeoJSON of points, lines and polygons with name and height and the same properties (longitude and latitude "
+        "with --origin), "
         "walls:SPACING,HEIGHT along walls as high as that, or outline:SPACING,HEIGHT for masts around the site, m; "
         "repeatable",
     )

@@ -48,17 +48,45 @@ def test_points_are_the_mounts_of_a_table(tmp_path):
         )
 
 
+def _along(kind, coordinates, **said):
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "geometry": geometry, "properties": said}
+
+
+def test_walls_and_roofs_have_mounts_along_them(tmp_path):
+    wall = _along("LineString", [[0, 0], [6, 0], [6, 4]], name="wall", height=4, pan_min=90, pan_max=270)
+    roof = _along(
+        "Polygon", [[[0, 0], [8, 0], [8, 8], [0, 8], [0, 0]]], name="roof", height=9, spacing=4, cost=50
+    )
+    found = read_geojson_mounts(_file(tmp_path, [wall, roof]), None)
+    assert [(m.x_m, m.y_m) for m in found[:6]] == [(0, 0), (2, 0), (4, 0), (6, 0), (6, 2), (6, 4)]
+    assert {(m.z_m, m.pan_deg, m.cost) for m in found[:6]} == {(4.0, (90.0, 270.0), 0.0)}
+    assert [m.name for m in found[6:]] == [f"roof {k}" for k in range(1, 9)]
+    assert {(m.x_m, m.y_m) for m in found[6:]} == {(x, y) for x in (0, 4, 8) for y in (0, 4, 8)} - {(4, 4)}
+    assert {(m.z_m, m.cost) for m in found[6:]} == {(9.0, 50.0)}
+
+
 @pytest.mark.parametrize(
     ("features", "advice"),
     [
-        ([], "one a mount"),
+        ([], "points, lines or polygons"),
         ([_point([1.0, 2.0], name="a")], "no height"),
         ([_point([1.0, 2.0, 5.0])], "name is ''"),
         ([_point([1.0, 2.0, 5.0], name="a")] * 2, "no other feature"),
         ([_point([1.0], name="a", height=3)], "finite numbers"),
         ([_point([1.0, 2.0], name="a", height="high")], "z is 'high'"),
         ([_point([1.0, 2.0], name="a", height=3, tilt_max=100)], "-90 to 90"),
-        ([{"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}], "a point"),
+        (
+            [{"type": "Feature", "geometry": {"type": "MultiPoint", "coordinates": []}}],
+            "a point, line or polygon",
+        ),
+        ([_along("LineString", [], name="a", height=3)], "of 2 to"),
+        ([_along("LineString", [[0, 0], [4, 0]], name="a")], "no height"),
+        ([_along("LineString", [[0, 0], [4, 0]], height=3)], "name is ''"),
+        ([_along("LineString", [[0, 0], [0, 0]], name="a", height=3)], "between 1 and"),
+        ([_along("LineString", [[0, 0], [4, 0]], name="a", height=3, spacing=0)], "metres above 0"),
+        ([_along("LineString", [[0, 0], [4, 0]], name="a", height=3, spacing=1e-9)], "between 1 and"),
+        ([_along("Polygon", [[0, 0], [4, 0], [4, 4]], name="a", height=3)], "finite numbers"),
     ],
 )
 def test_what_is_no_mount_is_refused(tmp_path, features, advice):
