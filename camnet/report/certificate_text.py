@@ -44,6 +44,7 @@ def page_head(report: dict[str, Any], title: str) -> list[str]:
         body.append(
             "<h2>What fails</h2><ul>" + "".join(f"<li>{shown(r)}</li>" for r in promise["reasons"]) + "</ul>"
         )
+        body += _remedies(report, title)
     blind = promise["blind_cameras"]
     if blind:
         unseeing = [(c["name"], c["reason"]) for c in blind]
@@ -55,6 +56,55 @@ def page_head(report: dict[str, Any], title: str) -> list[str]:
         _MAP,
     ]
     return body
+
+
+def _remedies(report: dict[str, Any], title: str) -> list[str]:
+    """Return the table of ways that are out of view for too long, each with what would be enough, the worst first."""
+    bad = [t for t in report["transitions"] if t.get("unseen", {}).get("verdict", "certified") != "certified"]
+    rows = []
+    for t in sorted(bad, key=lambda t: _margin(t["unseen"])):
+        lacks_m, lacks_s = t["unseen"]["margin_m"], t["unseen"]["margin_s"]
+        over = [
+            f"{-v:.1f} {unit}" for v, unit in ((lacks_m, "m"), (lacks_s, "s")) if v is not None and v < 0.0
+        ]
+        longest = t.get("longest_m")
+        out = "without end" if longest is None else f"{longest:.1f} m"
+        rows.append((f"{t['from']} → {t['to']}", out, ", ".join(over) or "–", _remedy(t)))
+    if not rows:
+        return []
+    head = ("way between two views", "out of view", "too long by", "nearest remedy")
+    more = f"<p>{len(rows)} ways in all; the worst {_MOST_REMEDIES} are listed.</p>"
+    found = [table(head, rows[:_MOST_REMEDIES]), more if len(rows) > _MOST_REMEDIES else ""]
+    if report["network"]["regions"] == 0 and report.get("cameras"):
+        found.append(
+            f"<p>Which cameras to turn, move or add: <code>camnet design --repair {shown(title)}</code> (the world's "
+            "file) finds the cheapest change that is enough, and writes the world after it.</p>"
+        )
+    return found
+
+
+#: most rows of the table of remedies
+_MOST_REMEDIES = 20
+
+
+def _margin(unseen: dict[str, Any]) -> float:
+    known = [v for v in (unseen["margin_m"], unseen["margin_s"]) if v is not None]
+    return min(known, default=float("-inf"))
+
+
+def _remedy(t: dict[str, Any]) -> str:
+    """Return what would be enough for one way, in words."""
+    unseen = t["unseen"]
+    lacks_m, lacks_s, longest = unseen["margin_m"], unseen["margin_s"], t.get("longest_m")
+    if longest is None:
+        return "see one place of every circle of unseen roads"
+    if unseen["binding"] == "time in view":
+        return f"widen the view of {t['to']}: it is in view for too short a time"
+    if lacks_m is not None and lacks_m < 0.0:
+        return f"see {-lacks_m:.1f} m more of it, from either end, or any place that leaves {longest + lacks_m:.1f} m"
+    if lacks_s is not None and lacks_s < 0.0:
+        return f"see what the target passes in {-lacks_s:.1f} s more of it, from either end"
+    return str(unseen["binding"])
 
 
 def _claims(report: dict[str, Any]) -> list[tuple[str, str, str]]:

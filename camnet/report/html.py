@@ -35,6 +35,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped, and stand in small letters from their first line break on."""
     rows = list(rows)
     words = {k for row in rows for k, c in enumerate(row) if _is_words(c)}
+    words |= {k for k in range(len(head)) if rows and all(_is_word(row[k]) for row in rows)}
     line = (
         "<tr>"
         + "".join(f"<th{_WORDS if k in words else ''}>{shown(h)}</th>" for k, h in enumerate(head))
@@ -52,6 +53,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def _lines(text: str) -> str:
     first, _, more = text.partition("\n")
     return shown(first) + (f"<small>{shown(more)}</small>" if more else "")
+
+
+def _is_word(value: object) -> bool:
+    """Whether a cell holds no figure: columns of nothing else stand at the left too."""
+    return isinstance(value, str) and value[:1].isalpha()
 
 
 def _is_words(value: object) -> bool:

@@ -29,6 +29,8 @@ ALLOWED |= {
     "img",
     "video",
     "svg",
+    "g",
+    "rect",
     "polygon",
     "polyline",
     "path",
