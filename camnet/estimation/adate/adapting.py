@@ -9,6 +9,7 @@ import numpy as np
 
 from camnet.estimation.adate.rollout import predict_step
 from camnet.estimation.adate.scores import fade, scores
+from camnet.estimation.adate.smoothing import keep_frozen
 from camnet.estimation.adate.track import Track
 from camnet.estimation.adate.weights import learn_scale
 
@@ -63,7 +64,13 @@ def store(track: Track) -> None:
     old[: w.n - blind] = w.s[: w.n - blind]
     mean = track.all[track.steps - 2].copy()
     predict_step(
-        track.par, mean, track.causal_cov, track.dt_s, track.rest, track.power_scale, track.steering_scale
+        track.par,
+        mean,
+        track.causal_cov,
+        track.elapsed_s,
+        track.rest,
+        track.power_scale,
+        track.steering_scale,
     )
     old[-1] = mean
 
@@ -77,6 +84,7 @@ def truncate(track: Track) -> None:
     quiet = int(loud[0]) if len(loud) else last
     drop = max(min(last, quiet), w.n - t.limit)
     if drop > 0:
+        keep_frozen(track, drop)
         track.mean = track.pred_mean[drop].copy()
         track.cov = w.pred_p[drop].copy()
         w.drop(drop)

@@ -18,6 +18,7 @@ its velocity is significant: before that the heading, on which the model turns, 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +29,9 @@ from camnet.estimation.adate.descent import engage, solve
 from camnet.estimation.adate.observing import append, begin
 from camnet.estimation.adate.rollout import predict_step
 from camnet.estimation.adate.settings import AdateSettings
+from camnet.estimation.adate.smoothing import drifting, outlying, smoothed_covariances
 from camnet.estimation.adate.track import Track
+from camnet.estimation.adate.track_file import load_track, save_track
 from camnet.estimation.kalman.checks import check_observations
 from camnet.estimation.pls.model import PowerLimitedSteering, SteeringModel
 from camnet.types import Array
@@ -141,10 +144,40 @@ class AdaptiveTrajectoryEstimator:
         self._track.power_scale = other.power_scale
         self._track.steering_scale = other.steering_scale
 
+    def smoothed_covariances(self) -> Array:
+        """Return the covariances (k,10,10) of `trajectory`, by a backward pass over all states so far."""
+        return smoothed_covariances(self._track)
+
+    def outlying(self) -> dict[int, bool]:
+        """By observer of the last update: whether its observation is an outlier or part of a drift."""
+        return outlying(self._track)
+
+    def drifting(self) -> dict[int, bool]:
+        """By observer so far: whether its last residuals do not average out; nobody with fewer than three observers."""
+        return drifting(self._track)
+
+    def save(self, path: Path | str) -> None:
+        """Write the whole track to a file that `load` goes on from; an interrupted call leaves no half file."""
+        save_track(self, Path(path))
+
+    @classmethod
+    def load(cls, path: Path | str) -> AdaptiveTrajectoryEstimator:
+        """Return an estimator that goes on exactly where the saved one was.
+
+        Raises
+        ------
+        DataError : the file is not one that `save` wrote
+        """
+        return load_track(cls, Path(path))
+
     # ---------------------------------------------------------------- the update
 
     def update(
-        self, observations: ArrayLike, covariances: ArrayLike, observers: ArrayLike | None = None
+        self,
+        observations: ArrayLike,
+        covariances: ArrayLike,
+        observers: ArrayLike | None = None,
+        dt_s: float | None = None,
     ) -> Array:
         """Advance by one step and take the observations of that step.
 
@@ -153,6 +186,7 @@ class AdaptiveTrajectoryEstimator:
         observations : (m,3) positions in the world frame, m; m = 0 when nothing was seen
         covariances : (m,3,3) their covariances as believed, m^2
         observers : (m,) integers that name the observers; 0..m-1 when left out
+        dt_s : time since the last update, s; `dt_s` of the estimator when left out
 
         Returns
         -------
@@ -167,6 +201,9 @@ class AdaptiveTrajectoryEstimator:
         if self.steps == 0 and not len(obs):
             raise DataError("observations: the first update must hold at least one observation to start from")
         track = self._track
+        if dt_s is not None and not (math.isfinite(dt_s) and dt_s > 0.0):
+            raise DataError(f"dt_s: {dt_s!r} is not a time step; give a finite number of seconds above 0")
+        track.elapsed_s = self.dt_s if dt_s is None else float(dt_s)
         append(track, obs, cov, ids)
         if track.steps == 0:
             begin(track)

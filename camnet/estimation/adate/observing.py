@@ -29,7 +29,8 @@ def append(track: Track, obs: Array, cov: Array, ids: list[int]) -> None:
         win.obs[-1, slot], win.given[-1, slot], win.has[-1, slot] = obs[row], cov[row], True
     win.tau[-1] = track.dt_s
     if win.n > 1:
-        transition(track.par, win.s[-2], track.dt_s, track.rest, win.s[-1], win.jac[-2])
+        win.tau[-2] = track.elapsed_s
+        transition(track.par, win.s[-2], track.elapsed_s, track.rest, win.s[-1], win.jac[-2])
 
 
 def begin(track: Track) -> None:

@@ -25,7 +25,9 @@ class Track:
 
     Attributes
     ----------
-    par, settings, dt_s : parameter vector of the model, settings, time between updates
+    par, settings, dt_s : parameter vector of the model, settings, time between updates unless said otherwise
+    elapsed_s : time between the last two updates
+    frozen : filtered covariance, transition (10,10) and predicted covariance of the next of every frozen state
     win, start : the window, and the number of states frozen before it
     mean, cov : (10,), (10,10) prior of the window's first state
     all, steps : (K,10) trajectory with room to grow, number of updates
@@ -41,6 +43,8 @@ class Track:
 
     def __init__(self, model: SteeringModel, dt_s: float, settings: AdateSettings) -> None:
         self.par, self.settings, self.dt_s = model.parameters, settings, dt_s
+        self.elapsed_s = dt_s
+        self.frozen: list[tuple[Array, Array, Array]] = []
         self.win, self.start = Window(settings.truncation.limit), 0
         self.mean, self.cov = np.zeros(10), np.eye(10)
         self.all, self.steps = np.zeros((256, 10)), 0

@@ -94,3 +94,21 @@ class Window:
         """Take ``count`` rows away at the front."""
         self._first += count
         self.n -= count
+
+    def rows(self) -> dict[str, Array]:
+        """Return a copy of the window's rows of every array, by name."""
+        return {name: data[self._first : self._first + self.n].copy() for name, data in self._data.items()}
+
+    def restore(self, slots: int, count: int, rows: dict[str, Array]) -> None:
+        """Take over what `rows` returned, for ``count`` states and ``slots`` observers.
+
+        Raises
+        ------
+        ValueError : an array is missing, or its shape is another
+        """
+        self._slots(slots)
+        self._first, self.n = 0, count
+        for name, data in self._data.items():
+            if name not in rows or rows[name].shape != (count, *data.shape[1:]):
+                raise ValueError(f"window array {name!r}")
+            data[:count] = rows[name]
