@@ -6,8 +6,8 @@
 | Phi_i | derivative of the flow over step i | (10,10) |
 | S_i | covariance of the smoothed state | (10,10) |
 
-S_n = F_n, and backwards S_i = F_i + G (S_{i+1} - P_{i+1}) G^T with G = F_i Phi_i^T P_{i+1}^-1 (Rauch, Tung and Striebel,
-AIAA Journal 3(8), 1965). Frozen states keep what the forward pass said when they were frozen.
+S_n = F_n, and backwards S_i = F_i + G (S_{i+1} - P_{i+1}) G^T with G = F_i Phi_i^T P_{i+1}^-1 (Rauch, Tung and
+Striebel, AIAA Journal 3(8), 1965). Frozen states keep what the forward pass said when they were frozen.
 
 **Drift.** The paper inflates R of observations far from the trajectory (39); it names no observer. Here an observer is
 said to drift where the median of its last residuals, whitened and less the observers' median, is not that of noise:

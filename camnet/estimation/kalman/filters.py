@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +31,8 @@ class KalmanFilter:
 
     Parameters
     ----------
-    model : `LinearModel` (made for the same ``dt_s``) or a steering model of `camnet.estimation.pls`
+    model : `LinearModel` (made for the same ``dt_s``), what makes one for a time step, or a steering model of
+        `camnet.estimation.pls`
     dt_s : time between updates, s
     lag : steps that the smoother goes back at each update; 0 for the filter alone
     mean, covariance : prior of the first state (n,), (n,n); from the first observation when left out
@@ -39,7 +41,7 @@ class KalmanFilter:
 
     def __init__(
         self,
-        model: LinearModel | SteeringModel,
+        model: LinearModel | SteeringModel | Callable[[float], LinearModel],
         dt_s: float = 1.0,
         lag: int = 50,
         mean: ArrayLike | None = None,
@@ -52,6 +54,9 @@ class KalmanFilter:
             raise ConfigError(f"lag: {lag!r} is negative; give a number of steps, 0 for no smoothing")
         if (mean is None) != (covariance is None):
             raise ConfigError("mean, covariance: give both or neither")
+        self._of_step = None if isinstance(model, LinearModel | SteeringModel) else model
+        if not isinstance(model, LinearModel | SteeringModel):
+            model = model(float(dt_s))
         self.model, self.dt_s, self.lag = model, float(dt_s), int(lag)
         self._kind, self._par, self._f, self._q = kernel_model(model)
         n = len(self._f)
@@ -83,14 +88,20 @@ class KalmanFilter:
         """Covariance (n,n) of `causal_state`."""
         return self._p.copy()
 
-    def update(self, observations: ArrayLike, covariances: ArrayLike) -> Array:
+    def update(self, observations: ArrayLike, covariances: ArrayLike, dt_s: float | None = None) -> Array:
         """Advance by one step and take that step's observations; see `check_observations`.
+
+        Parameters
+        ----------
+        dt_s : time since the last update, s, where it is not the filter's; a linear model must be made by step then
 
         Returns
         -------
         (n,) the filtered state
         """
         obs, cov = check_observations(observations, covariances)
+        if dt_s is not None and dt_s != self.dt_s:
+            self._retime(dt_s)
         if self.steps == 0 and not self._given:
             self._begin(obs, cov)
         else:
@@ -107,6 +118,19 @@ class KalmanFilter:
             self._engage()
         self._keep()
         return self._x
+
+    def _retime(self, dt_s: float) -> None:
+        """Make the steps from here on ``dt_s`` long."""
+        if not (math.isfinite(dt_s) and dt_s > 0.0):
+            raise ConfigError(f"dt_s: {dt_s!r} is not a time step; give a finite number of seconds above 0")
+        if self._of_step is not None:
+            self.model = self._of_step(dt_s)
+            _, _, self._f, self._q = kernel_model(self.model)
+        elif self._kind != STEERING:
+            raise ConfigError(
+                f"dt_s: {dt_s!r}: this linear model is for {self.dt_s} s; give what makes one for a step"
+            )
+        self.dt_s = dt_s
 
     def _begin(self, obs: Array, cov: Array) -> None:
         if not len(obs):
@@ -179,7 +203,7 @@ class UnscentedKalmanFilter(KalmanFilter):
 
     def __init__(
         self,
-        model: LinearModel | SteeringModel,
+        model: LinearModel | SteeringModel | Callable[[float], LinearModel],
         dt_s: float = 1.0,
         lag: int = 50,
         mean: ArrayLike | None = None,
