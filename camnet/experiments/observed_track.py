@@ -10,13 +10,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from camnet.errors import ConfigError
 from camnet.estimation.adate import AdaptiveTrajectoryEstimator
+from camnet.estimation.followed_track import Followed
 from camnet.estimation.kalman import (
     ExtendedKalmanFilter,
     KalmanFilter,
@@ -25,9 +25,9 @@ from camnet.estimation.kalman import (
 )
 from camnet.estimation.pls import PowerLimitedSteering
 from camnet.importers.observations import Observations
-from camnet.types import Array, BoolArray
+from camnet.types import Array
 
-__all__ = ["ESTIMATORS", "Followed", "follow_observations", "summary"]
+__all__ = ["ESTIMATORS", "follow_observations", "summary"]
 
 ESTIMATORS = ("adate", "ekf", "ukf")
 _NOTHING = np.zeros((0, 3)), np.zeros((0, 3, 3))
@@ -35,25 +35,6 @@ _NOTHING = np.zeros((0, 3)), np.zeros((0, 3, 3))
 _JERK, _DECIDES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0), 300
 #: steps that Kalman smoothers go back
 _LAG = 50
-
-
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """What one estimator made of the observations.
-
-    Attributes
-    ----------
-    causal, smoothed : (n,3) positions, m: at each time from what was seen until then, and from everything
-    causal_covariance, smoothed_covariance : (n,3,3) m^2; the latter None where the estimator has none
-    outlying, drifting : (k,) by observation; None where the estimator does not look for them
-    """
-
-    causal: Array
-    smoothed: Array
-    causal_covariance: Array
-    smoothed_covariance: Array | None
-    outlying: BoolArray | None = None
-    drifting: BoolArray | None = None
 
 
 def follow_observations(

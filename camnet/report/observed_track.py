@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from camnet.experiments.observed_track import Followed
+from camnet.estimation.followed_track import Followed
 from camnet.importers.observations import Observations
 from camnet.report.html import picture, table, write_page
 from camnet.report.markup import shown

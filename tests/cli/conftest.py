@@ -65,6 +65,19 @@ def _people(path: Path) -> None:
     path.write_text("\n".join(rows) + "\n")
 
 
+def _observed(folder: Path) -> None:
+    """A target that three stations see, once with noise stated and once without."""
+    rng = np.random.default_rng(1)
+    rows, fixes = ["t,observer,x,y,sd"], ["t,x,y"]
+    for t in range(40):
+        for name in "abc":
+            x, y = np.array([1.2 * t, 10.0]) + rng.normal(0.0, 1.0, 2)
+            rows.append(f"{t},{name},{x:.3f},{y:.3f},1")
+        fixes.append(f"{t},{x:.3f},{y:.3f}")
+    (folder / "observations.csv").write_text("\n".join(rows) + "\n")
+    (folder / "fixes.csv").write_text("\n".join(fixes) + "\n")
+
+
 def _areas(path: Path) -> None:
     """A yard of some 20 m before the cameras, about the origin of the example."""
     west, south, east, north = -85.5301, 39.05005, -85.5299, 39.0502
@@ -153,6 +166,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).write_text("name,x,y\na,0,0\nb,300,0\nc,300,300\nd,600,0\nm,150,0\n")
     shutil.copy(ROOT / "tests" / "certification" / "data" / "depot.yaml", folder)
     _people(folder / "people.csv")
+    _observed(folder)
     _areas(folder / "AREAS.geojson")
     (folder / "DIR_OF_KRTD").mkdir()
     for k, name in enumerate(("gate", "yard")):

@@ -105,7 +105,7 @@ def test_what_is_mistyped_gets_a_suggestion(
 
 
 _NEED = {"design": ["--tracks", "x.csv"], "simulate": ["quickstart"], "falsify": ["patrol"]}
-_NEED |= {"structure": ["x.mp4"], "coverage": ["patrol"], "identify": ["x.yaml"]}
+_NEED |= {"structure": ["x.mp4"], "coverage": ["patrol"], "identify": ["x.yaml"], "track": ["x.csv"]}
 _NEED |= {"reproduce": ["adate-table"], "track-video": ["x.mp4"], "bench": ["sensing"], "certify": ["patrol"]}
 
 
@@ -220,6 +220,7 @@ _QUIET = [
     "design --tracks people.csv --off-max 20",
     "evaluate --agents static,random --episodes 1 --cycles 5 --jobs 1 --back-end pybullet",
     "reproduce adate-navigation --seeds 1",
+    "track observations.csv",
     "track-video walking.mp4 --box 51,53,87,290",
     "structure PHOTOGRAPHS --board 9x6",
     "worlds",
