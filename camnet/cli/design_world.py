@@ -311,12 +311,13 @@ def _write(
 
 def _words(content: dict[str, Any]) -> list[str]:
     """Return what was found, a sentence each."""
-    standing = len(content["standing"])
-    also = f" besides {standing} that stand" if standing else ""
     done = {k: sum(c["change"] == k for c in content["cameras"]) for k in ("add", "turn", "move")}
-    changed = "".join(f", {n} {w}" for n, w in ((done["turn"], "turned"), (done["move"], "moved")) if n)
+    parts = [f"{done['add']} cameras added"]
+    parts += [f"{n} {w}" for n, w in ((done["turn"], "turned"), (done["move"], "moved")) if n]
+    if content["standing"]:
+        parts.append(f"{len(content['standing'])} stay as they are")
     words = [
-        f"{done['add']} cameras{changed}{also}, price {content['price']:g}, of {content['candidates']} candidates at "
+        f"{', '.join(parts)}; price {content['price']:g}, of {content['candidates']} candidates at "
         f"{content['mounts']} mounts"
     ]
     if not content["count"]:

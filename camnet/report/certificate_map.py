@@ -26,6 +26,8 @@ _ARROW_M = 3.0
 _WIDTH_PX = 900.0
 #: room for the axes at the left and below, and beside the map, px
 _LEFT, _BELOW, _BESIDE = 56.0, 62.0, 12.0
+#: a letter of a name is about as wide, a line as high, px
+_LETTER_PX, _LINE_PX = 7.0, 14.0
 #: ticks of an axis, about; names of cameras are written up to so many
 _TICKS, _MOST_NAMES = 6, 60
 
@@ -100,9 +102,14 @@ def svg_map(
     regions = [(name, o) for name, o in views if name not in known]
     if len(regions) <= _MOST_NAMES:  # a camera's name stands where it does
         parts += [_name(place(o.mean(axis=0)[None]), name) for name, o in regions]
+    labels: list[str] = []
+    taken: list[tuple[float, float, float]] = []
     for (x, y, dx, dy), camera in zip(arrows, cameras, strict=True):
         ends = place(np.array([[x, y], [x + dx, y + dy]]))
-        parts.append(_camera(ends, str(camera["name"]), dx >= 0.0, len(cameras) <= _MOST_NAMES))
+        parts.append(_camera(ends, str(camera["name"])))
+        if len(cameras) <= _MOST_NAMES:
+            labels.append(_label(ends, str(camera["name"]), dx >= 0.0, taken))
+    parts += labels
     inside = (
         f'<svg x="{_LEFT:.0f}" y="{_BESIDE:.0f}" width="{w:.1f}" height="{h:.1f}" '
         f'viewBox="0 0 {w:.1f} {h:.1f}">{"".join(parts)}</svg>'
@@ -125,19 +132,30 @@ def _name(at: str, name: str) -> str:
     )
 
 
-def _camera(ends: str, name: str, to_the_right: bool, named: bool) -> str:
-    """Return a camera: its place, the level part of its axis, and its name on the other side."""
-    x, y = (float(v) for v in ends.split(" ", maxsplit=1)[0].split(","))
-    label = ""
-    if named:
-        side, anchor = (-8.0, "end") if to_the_right else (8.0, "start")
-        label = (
-            f'<text x="{x + side:.1f}" y="{y + 4:.1f}" text-anchor="{anchor}" font-size="12" fill="{CAMERA}" '
-            f'stroke="#fff" stroke-width="3" paint-order="stroke">{shown(name)}</text>'
-        )
+def _camera(ends: str, name: str) -> str:
+    """Return a camera: its place, and the level part of its axis."""
+    x, y = ends.split(" ", maxsplit=1)[0].split(",")
     return (
         f'<polyline points="{ends}" stroke="{CAMERA}" stroke-width="2"/>'
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{CAMERA}"><title>{shown(name)}</title></circle>{label}'
+        f'<circle cx="{x}" cy="{y}" r="5" fill="{CAMERA}"><title>{shown(name)}</title></circle>'
+    )
+
+
+def _label(ends: str, name: str, looks_right: bool, taken: list[tuple[float, float, float]]) -> str:
+    """Return a camera's name beside it, on the side where it does not look, below names that are there already.
+
+    ``taken`` are the left and right end and the height of these, px; the name's own are added.
+    """
+    x, y = (float(v) for v in ends.split(" ", maxsplit=1)[0].split(","))
+    wide, y = _LETTER_PX * len(name), y + 4.0
+    left = x - 8.0 - wide if looks_right else x + 8.0
+    while any(abs(y - h) < _LINE_PX and left < r and left + wide > begin for begin, r, h in taken):
+        y += _LINE_PX
+    taken.append((left, left + wide, y))
+    at, anchor = (x - 8.0, "end") if looks_right else (x + 8.0, "start")
+    return (
+        f'<text x="{at:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="12" fill="{CAMERA}" '
+        f'stroke="#fff" stroke-width="3" paint-order="stroke">{shown(name)}</text>'
     )
 
 
