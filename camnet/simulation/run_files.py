@@ -33,7 +33,7 @@ _HANDOFF = {"target", "from", "to", "lost_s", "entered_s", "seen_s", "delay_s", 
 #: how long the agents of both regions had been without external pose
 _HANDOFF |= {"from_lost_for_s", "to_lost_for_s"}
 #: columns of the truth that may be unknown, as nothing is certified; those of estimators are what they made of it
-_MAY_BE_NAN = (".off_left_s", ".off_margin_m")
+_MAY_BE_NAN = (".off_left_s", ".off_margin_m", ".size_sd")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
