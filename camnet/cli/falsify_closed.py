@@ -40,7 +40,7 @@ seed of noise and gusts. The judge is the truth alone: which target was in some 
   after_laps, after_s           from when on it holds
   error_after_laps              from when on the bound of the error holds, if that is later
   world, note                   of which world it is, and words
-With --out: result.json and attack.json, the worst attack."""
+With --out: report.html, result.json, and attack.json, the worst attack."""
 
 #: options that only the closed loop uses
 _OWN = ("promise", "time_limit", "violate", "replay", "targets", "stop_s", "keep_going")
@@ -98,6 +98,8 @@ def refuse_closed_options(args: argparse.Namespace) -> None:
 
 def run_closed(args: argparse.Namespace) -> int:
     """Attack, or replay, and write; 1 if the promise is broken."""
+    from camnet.report.falsify import write_attack_page
+
     _refuse_unused(args)
     with output_folder(args, "falsify") as output:
         content = _replay(args) if args.replay is not None else _attack(args)
@@ -106,6 +108,8 @@ def run_closed(args: argparse.Namespace) -> int:
             write_json(output.path / "result.json", content)
             if content.get("attack") is not None:
                 write_json(output.path / "attack.json", content["attack"])
+            output.results_stand()
+            write_attack_page(output.path / "report.html", content)
     if output is not None:
         say(f"wrote {output.folder}")
     if args.json:

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from camnet.geometry.rotations import angle_between, yaw_of
 from camnet.report.run_data import RunData, spans
-from camnet.report.style import FILTER_COLOURS, FILTER_LABELS, UNSEEN, figure_style, save
+from camnet.report.style import FILTER_COLOURS, FILTER_LABELS, UNSEEN, figure_style, plain_ticks, save
 from camnet.types import Array, BoolArray
 
 __all__ = ["write_estimates"]
@@ -67,5 +67,7 @@ def _errors(position: Axes, orientation: Axes, run: RunData, target: str) -> Non
         colour = FILTER_COLOURS[name]
         position.semilogy(run.t_s, np.maximum(distance, 1e-4), color=colour, linewidth=0.9)
         orientation.semilogy(run.t_s, np.maximum(angle, 1e-2), color=colour, linewidth=0.9)
+    plain_ticks(position)
+    plain_ticks(orientation)
     position.set_ylabel("position error (m)")
     orientation.set_ylabel("orientation\nerror (deg)")

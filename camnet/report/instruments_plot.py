@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from camnet.report.run_data import RunData, spans
-from camnet.report.style import UNSEEN, figure_style, save
+from camnet.report.style import UNSEEN, figure_style, plain_ticks, save
 
 __all__ = ["has_instruments", "write_instruments"]
 
@@ -69,6 +69,10 @@ def _curves(axes: Axes, run: RunData, who: str, which: tuple[tuple[str, str], ..
             axes.semilogy(run.t_s, shown, color=colour, linewidth=1.2, label=label)
         else:
             axes.plot([], [], color=colour, label=f"{label}: 0 throughout")
+    if axes.get_yscale() == "log":
+        plain_ticks(axes)
+    else:
+        axes.set_yticks([])
     axes.legend(loc="upper right", fontsize=8)
 
 

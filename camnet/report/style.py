@@ -8,11 +8,21 @@ from pathlib import Path
 from typing import Any, cast
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from camnet.storage.whole_file import whole_file
 
-__all__ = ["CAMERA_COLOURS", "FILTER_COLOURS", "FILTER_LABELS", "UNSEEN", "figure_style", "save"]
+__all__ = [
+    "CAMERA_COLOURS",
+    "FILTER_COLOURS",
+    "FILTER_LABELS",
+    "UNSEEN",
+    "figure_style",
+    "plain_ticks",
+    "save",
+]
 
 #: colour-blind safe, in the order of the cameras (repeated when there are more)
 CAMERA_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7500", "#6a3d9a")
@@ -38,6 +48,11 @@ FILTER_LABELS = {
 }
 #: shading of the time during which no camera sees the target
 UNSEEN = "#e8e4da"
+
+
+def plain_ticks(axes: Axes) -> None:
+    """Write the powers of ten of a logarithmic y axis as numbers: names with dollar signs keep formulas off."""
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 @contextmanager
