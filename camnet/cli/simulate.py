@@ -25,8 +25,8 @@ from camnet.cli.output import Output, output_folder, print_json
 __all__ = ["add_parser"]
 
 _DESCRIPTION = """Simulate a camera network: agents fly, the target moves, its motion is learned while it is seen and
-predicted while it is not, agents hand it over. Writes one folder: summary.json, handoffs.json, log.parquet (the whole
-log; pandas.read_parquet opens it), map.png, estimates.png, video.mp4, report.html.
+predicted while it is not, agents hand it over. Writes one folder: summary.json, handoffs.json, log.parquet and
+events.parquet (camnet log shows both; pandas.read_parquet opens them), map.png, estimates.png, video.mp4, report.html.
 Ctrl-C ends a run early and leaves a valid partial one, marked as such, without pictures (camnet report draws them);
 SIGTERM ends it and leaves nothing.
 
@@ -150,7 +150,7 @@ def _write(args: argparse.Namespace, output: Output, result: Any, content: dict[
     from camnet.estimation.persistence import save_models
     from camnet.simulation.run_files import write_run
 
-    write_run(output.path, content, result.handoffs, result.log)
+    write_run(output.path, content, result.handoffs, result.log, result.events)
     output.results_stand()
     if args.save_model is not None:
         save_models(args.save_model, result.learned)

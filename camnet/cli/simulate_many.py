@@ -24,10 +24,10 @@ from camnet.storage.partial import replaced_folder
 
 __all__ = ["run_and_write"]
 
-#: summary, handoffs and log of a run
-_Done = tuple[dict[str, Any], list[dict[str, Any]], RunLog]
+#: summary, handoffs, log and events of a run
+_Done = tuple[dict[str, Any], list[dict[str, Any]], RunLog, list[dict[str, Any]]]
 
-_RUN = ("summary.json", "handoffs.json", "log.parquet", MARKER, *REPORT_FILES)
+_RUN = ("summary.json", "handoffs.json", "log.parquet", "events.parquet", MARKER, *REPORT_FILES)
 _FILES = ("summary.json", *(f"seed-*/{name}" for name in _RUN))
 
 
@@ -93,16 +93,16 @@ def _run(scenario: Scenario, seed: int) -> _Done:
     result = run_network(scenario, seed)
     if result.interrupted:  # in the main process, with one job
         raise KeyboardInterrupt
-    return result.summary, result.handoffs, result.log
+    return result.summary, result.handoffs, result.log, result.events
 
 
 def _write(scenario: Scenario, folder: Path, seed: int, result: _Done) -> None:
     """Write the folder of a seed; on a cluster the machine that gave the command does."""
-    summary, handoffs, log = result
+    summary, handoffs, log, events = result
     with replaced_folder(folder / f"seed-{seed}", "simulate") as temporary:
         config = scenario.model_copy(update={"seed": seed}).model_dump(mode="json")
         content = {"summary": summary, "seed": seed, "version": __version__, "config": config}
-        write_run(temporary, content, handoffs, log)
+        write_run(temporary, content, handoffs, log, events)
 
 
 def _finished(folder: Path, scenario: Scenario, seed: int) -> bool:

@@ -67,7 +67,7 @@ def size_problems(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _log_columns(scenario: Scenario) -> int:
-    """Return the columns of the log, as `camnet.simulation.recorder.log_columns` names them."""
+    """Return the columns of the log, as `camnet.simulation.log_columns` names them."""
     uncertain = sum(a.pose.may_be_lost or a.exit_budget_s > 0.0 for a in scenario.agents)
     targets = len(scenario.targets) * (16 + 11 * len(scenario.run.estimators))
     unsized = sum(t.assumed_size is not None for t in scenario.targets)

@@ -17,6 +17,9 @@ __all__ = ["picture", "table", "write_page", "write_report"]
 
 #: a video larger than this stays beside the page instead of inside it
 _EMBED_LIMIT_BYTES = 12_000_000
+#: a report lists so many events
+_MOST_EVENTS = 200
+_EVENTS = {"sighting": "sightings", "loss": "losses", "handoff": "handoffs", "collision": "collisions"}
 _WORDS = ' class="words"'
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2rem auto;padding:0 1rem;color:#222}
@@ -102,6 +105,7 @@ def write_report(run: RunData, path: Path) -> None:
             picture(run.folder / "instruments.png", "instruments over time"),
         ]
     parts += ["<h2>Handoffs</h2>", _handoff_table(run)]
+    parts += ["<h2>Events</h2>", _event_table(run)]
     parts += ["<h2>Dwell times</h2>", _nested_table(summary["dwell"])]
     parts += ["<h2>Controller</h2>", _nested_table(summary["controller"])]
     parts += [f"<h2>Settings</h2><pre>{shown(json.dumps(scenario.model_dump(mode='json'), indent=2))}</pre>"]
@@ -149,6 +153,19 @@ def _handoff_table(run: RunData) -> str:
     keys = ("target", "from", "to", "lost_s", "entered_s", "delay_s", "completed")
     head = ("target", "from", "to", "lost at (s)", "entered at (s)", "delay (s)", "completed")
     return table(head, [[h[k] for k in keys] for h in run.handoffs])
+
+
+def _event_table(run: RunData) -> str:
+    if run.events is None:
+        return "<p>This run is from before there was a table of events; simulate it again for one.</p>"
+    kinds = [row["event"] for row in run.events]
+    counted = ", ".join(f"{kinds.count(kind)} {words}" for kind, words in _EVENTS.items())
+    head = ("time (s)", "event", "who", "camera or other body", "from", "after (s)", "completed")
+    keys = ("t_s", "event", "subject", "with", "from", "duration_s", "completed")
+    shown_rows = [[row[key] for key in keys] for row in run.events[:_MOST_EVENTS]]
+    more = len(run.events) - len(shown_rows)
+    rest = f"<p>{more} more are in events.parquet; camnet log --events shows all.</p>" if more else ""
+    return f"<p>{counted}.</p>{table(head, shown_rows) if shown_rows else ''}{rest}"
 
 
 def _nested_table(content: dict[str, Any]) -> str:

@@ -28,6 +28,7 @@ class RunData:
     summary : content of ``summary.json``
     handoffs : content of ``handoffs.json``
     columns : the log, name -> (rows,)
+    events : the table of events; None: the run is from before there was one
     """
 
     folder: Path
@@ -35,6 +36,7 @@ class RunData:
     summary: dict[str, Any]
     handoffs: list[dict[str, Any]]
     columns: Mapping[str, Array]
+    events: list[dict[str, Any]] | None
 
     @property
     def t_s(self) -> Array:
@@ -79,9 +81,8 @@ def load_run(folder: Path) -> RunData:
     if not folder.is_dir():
         raise DataError(f"{folder}: is no folder; the folder of a run was expected")
     files = read_run(folder)
-    return RunData(
-        folder, build_network(files.scenario), files.content["summary"], files.handoffs, files.columns
-    )
+    network = build_network(files.scenario)
+    return RunData(folder, network, files.content["summary"], files.handoffs, files.columns, files.events)
 
 
 def spans(t_s: Array, mask: BoolArray) -> list[tuple[float, float]]:

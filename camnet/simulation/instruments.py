@@ -22,13 +22,14 @@ from camnet.errors import ConfigError
 from camnet.estimation.delayed import underlying
 from camnet.estimation.learning_estimator import LearningEstimator
 from camnet.simulation.log import RunLog
+from camnet.simulation.log_columns import INSTRUMENT_WORDS
 from camnet.simulation.loop import NetworkSimulation
 from camnet.types import Array
 
 __all__ = ["INSTRUMENTS", "Instruments"]
 
 #: what is logged of a target
-INSTRUMENTS = ("V", "V_pose", "W_hat", "psi_min_s2", "psi_min_visited_s2", "sigma_f", "sigma_d", "sigma_h")
+INSTRUMENTS = tuple(INSTRUMENT_WORDS)
 
 
 class Instruments:

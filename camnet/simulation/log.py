@@ -1,6 +1,6 @@
 """The log of a run: one wide table, one row per log instant, written as Parquet.
 
-Column names are ``<who>.<quantity>_<unit>``: ``robot.p_x_m``, ``robot.learned.p_x_m``, ``camera_0.ref_x_m``.
+Its columns and what they mean: `camnet.simulation.log_columns`. Units and descriptions are in the file's metadata.
 The bytes depend on the logged numbers alone, so equal runs give equal files.
 """
 
@@ -13,6 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from camnet.simulation.log_columns import LogColumn
+from camnet.storage.records import Field, schema_of
 from camnet.storage.whole_file import whole_file
 from camnet.types import Array
 
@@ -24,11 +26,12 @@ class RunLog:
 
     Parameters
     ----------
-    columns : names, in order
+    columns : in order
     """
 
-    def __init__(self, columns: Sequence[str]) -> None:
-        self.columns = tuple(columns)
+    def __init__(self, columns: Sequence[LogColumn]) -> None:
+        self.described = tuple(columns)
+        self.columns = tuple(column.name for column in columns)
         self._rows: Array = np.empty((1024, len(self.columns)))
         self._count = 0
 
@@ -52,7 +55,8 @@ class RunLog:
         # by their bytes: given NumPy's arrays, Arrow would load pandas first, wherever that is installed
         rows = [pa.py_buffer(np.ascontiguousarray(column)) for column in self.values.T]
         columns = [pa.Array.from_buffers(pa.float64(), len(self), [None, row]) for row in rows]
-        return pa.Table.from_arrays(columns, names=list(self.columns))
+        fields = [Field(c.name, float, c.unit, c.description) for c in self.described]
+        return pa.Table.from_arrays(columns, schema=schema_of(fields))
 
     def write(self, path: Path) -> None:
         """Write Parquet to ``path`` (a temporary name first, then renamed)."""

@@ -7,69 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from camnet.simulation.coordination import Task
-from camnet.simulation.instruments import INSTRUMENTS, Instruments
+from camnet.simulation.instruments import Instruments
 from camnet.simulation.log import RunLog
+from camnet.simulation.log_columns import columns_of
 from camnet.simulation.loop import NetworkSimulation, Setpoints
 from camnet.types import Array
 
-__all__ = ["Recorder", "log_columns"]
-
-#: what is logged of an agent that may lose its pose or leave its region
-OWN = ("own_x_m", "own_y_m", "own_error_m", "own_sd_m", "own_turn_rad", "own_lost", "outside_s")
-_XYZ, _WXYZ = ("x", "y", "z"), ("w", "x", "y", "z")
-
-
-def _vector(who: str, what: str, unit: str) -> list[str]:
-    return [f"{who}.{what}_{axis}_{unit}" for axis in _XYZ]
-
-
-def _quaternion(who: str, what: str) -> list[str]:
-    return [f"{who}.{what}_{axis}" for axis in _WXYZ]
-
-
-def log_columns(
-    agents: Sequence[str],
-    targets: Sequence[str],
-    filters: Sequence[str],
-    lost: Sequence[str] = (),
-    unsized: Sequence[str] = (),
-    instruments: Sequence[str] = (),
-) -> list[str]:
-    """Names of the log's columns; positions in m, velocities in m/s, quaternions scalar first, body to world.
-
-    ``<target>.region`` and ``<target>.seen_by`` are indices of regions and cameras (-1: none), ``<agent>.role`` is
-    0 loiter, 1 intercept, 2 track. ``<target>.off_left_s`` is how long the target may still stay unseen by the
-    certificate of the gap it is in, and ``<target>.off_margin_m`` what the certified bound of the error leaves of the
-    view's radius (NaN: seen, or nothing is certified); ``<target>.violations`` counts violations of ``sound`` so far.
-
-    Agents in ``lost`` may lose their external pose or leave their regions: ``<agent>.own_x_m``, ``own_y_m`` is where
-    their camera believes to be, ``own_error_m`` how far that is from the truth, ``own_sd_m`` the standard deviation
-    that it states, ``own_turn_rad`` the error of its heading, ``own_lost`` 1 without external pose, ``outside_s`` how
-    long it is truly outside its region. Of targets in ``unsized``, of unknown size: ``<target>.size`` is what their
-    agents take it for, as a share of the true one, and ``size_sd`` its standard deviation as a share. ``instruments``:
-    what `camnet.simulation.instruments` logs of each target.
-    """
-    columns = ["t_s"]
-    for target in targets:
-        columns += [*_vector(target, "p", "m"), *_quaternion(target, "q"), *_vector(target, "v", "mps")]
-        columns += [
-            f"{target}.{what}"
-            for what in ("region", "seen_by", "lap", "off_left_s", "off_margin_m", "violations")
-        ]
-        if target in unsized:
-            columns += [f"{target}.size", f"{target}.size_sd"]
-        for name in filters:
-            who = f"{target}.{name}"
-            columns += [*_vector(who, "p", "m"), *_quaternion(who, "q"), *_vector(who, "v", "mps")]
-            columns += [f"{who}.radius_m"]
-        columns += [f"{target}.{what}" for what in instruments]
-    for agent in agents:
-        columns += [*_vector(agent, "p", "m"), *_quaternion(agent, "q"), *_vector(agent, "v", "mps")]
-        columns += [*_vector(agent, "cam_p", "m"), *_quaternion(agent, "cam_q")]
-        columns += [*_vector(agent, "set_p", "m"), *_vector(agent, "ref_p", "m"), f"{agent}.role"]
-        if agent in lost:
-            columns += [f"{agent}.{what}" for what in OWN]
-    return columns
+__all__ = ["Recorder"]
 
 
 class Recorder:
@@ -77,14 +21,10 @@ class Recorder:
 
     def __init__(self, simulation: NetworkSimulation) -> None:
         self._simulation = simulation
-        world = simulation.world
         self._uncertain = sorted({*simulation.network.own_poses, *simulation.network.exits})
-        lost = [world.agent_names[j] for j in self._uncertain]
-        unsized = [world.target_names[m] for m in simulation.sizes]
-        names = (world.agent_names, world.target_names, simulation.filter_names)
         wanted = simulation.network.scenario.run.instruments
         self._instruments = Instruments(simulation) if wanted else None
-        self.log = RunLog(log_columns(*names, lost, unsized, INSTRUMENTS if wanted else ()))
+        self.log = RunLog(columns_of(simulation.network.scenario, simulation.filter_names))
 
     def finish(self) -> None:
         """Fill in what is known only when the run is over."""

@@ -14,6 +14,7 @@ from camnet.control.setpoints import Setpoint, at_ease, intercept, loiter, sway,
 from camnet.estimation.own_pose import SIGMAS
 from camnet.estimation.persistence import LearnedModel
 from camnet.simulation.coordination import Role, Task, assign
+from camnet.simulation.events import EventRecorder
 from camnet.simulation.handoff import Handoff
 from camnet.simulation.log import RunLog
 from camnet.simulation.loop import NetworkSimulation, Setpoints
@@ -41,6 +42,7 @@ class RunResult:
     summary : figures of the run, ready for JSON
     log : the whole log
     handoffs : one record per attempted handoff
+    events : the table of events (`camnet.simulation.events`)
     network : the network that ran
     interrupted : whether it was stopped before its end
     learned : what the first learning estimator has learned, where that was asked for
@@ -49,6 +51,7 @@ class RunResult:
     summary: dict[str, Any]
     log: RunLog
     handoffs: list[dict[str, Any]]
+    events: list[dict[str, Any]]
     network: Network
     interrupted: bool
     learned: list[LearnedModel]
@@ -85,7 +88,7 @@ def run_network(
     if keep_models:
         check_learning(scenario.run.estimators if filters is None else filters)
     simulation = open_simulation(scenario, seed, filters)
-    recorder = Recorder(simulation)
+    recorder, events = Recorder(simulation), EventRecorder(simulation)
     interrupted, start = False, time.perf_counter()
     try:
         _loop(simulation, recorder, scenario.run.duration_s, progress)
@@ -100,7 +103,8 @@ def run_network(
     learned = collect_learned(simulation.filters, network.basis, network.n_models) if keep_models else []
     summary = summarise(simulation, wall_s, interrupted)
     handoffs = [_handoff_record(simulation, h) for t in simulation.trackers for h in t.handoffs]
-    return RunResult(summary, recorder.log, handoffs, network, interrupted, learned)
+    happened = events.table(handoffs, simulation.statistics.collisions)
+    return RunResult(summary, recorder.log, handoffs, happened, network, interrupted, learned)
 
 
 def _loop(

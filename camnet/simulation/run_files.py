@@ -1,7 +1,8 @@
-"""The files of a run: ``summary.json``, ``handoffs.json`` and ``log.parquet``, written together and checked when read.
+"""The files of a run: ``summary.json``, ``handoffs.json``, ``log.parquet`` and ``events.parquet``, checked when read.
 
-``summary.json`` also seals all three (`camnet.storage.seal`), so that a run folder is what a run wrote or is refused.
-The real-time factor is no part of the seal: equal runs have equal seals.
+``summary.json`` also seals all of them (`camnet.storage.seal`), so that a run folder is what a run wrote or is refused.
+Runs from before there was a table of events have no seal of one, and are read without it. The real-time factor is no
+part of the seal: equal runs have equal seals.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from pydantic import ValidationError
 
 from camnet.config.models import Scenario
 from camnet.errors import DataError
+from camnet.simulation.events import EVENT_FIELDS
 from camnet.simulation.instruments import INSTRUMENTS
 from camnet.simulation.log import RunLog
-from camnet.simulation.recorder import log_columns
+from camnet.simulation.log_columns import columns_of
 from camnet.storage.json_file import read_json
+from camnet.storage.records import read_records, write_records
 from camnet.storage.seal import seal_of
 from camnet.storage.table import read_table
 from camnet.storage.whole_file import write_json
@@ -46,30 +49,43 @@ class RunFiles:
     content : of ``summary.json``: summary, seed, version, config
     handoffs : of ``handoffs.json``
     columns : the log, name -> (rows,)
+    events : the table of events (`camnet.simulation.events`); None: the run is from before there was one
     """
 
     scenario: Scenario
     content: dict[str, Any]
     handoffs: list[dict[str, Any]]
     columns: dict[str, Array]
+    events: list[dict[str, Any]] | None
 
 
-def write_run(folder: Path, content: Mapping[str, Any], handoffs: list[dict[str, Any]], log: RunLog) -> None:
-    """Write the three files; ``content`` has summary, seed, version and config."""
+def write_run(
+    folder: Path,
+    content: Mapping[str, Any],
+    handoffs: list[dict[str, Any]],
+    log: RunLog,
+    events: list[dict[str, Any]],
+) -> None:
+    """Write the four files; ``content`` has summary, seed, version and config."""
     columns = {name: log.values[:, i] for i, name in enumerate(log.columns)}
     write_json(folder / "handoffs.json", handoffs)
     log.write(folder / "log.parquet")
-    write_json(folder / "summary.json", {**content, "seals": _seals(content, handoffs, columns)})
+    write_records(folder / "events.parquet", EVENT_FIELDS, events)
+    write_json(folder / "summary.json", {**content, "seals": _seals(content, handoffs, columns, events)})
 
 
 def _seals(
-    content: Mapping[str, Any], handoffs: list[dict[str, Any]], columns: Mapping[str, Array]
+    content: Mapping[str, Any],
+    handoffs: list[dict[str, Any]],
+    columns: Mapping[str, Array],
+    events: list[dict[str, Any]] | None,
 ) -> dict[str, str]:
     summary = {k: v for k, v in content["summary"].items() if k != "real_time_factor"}
     return {
         "summary": seal_of({**content, "summary": summary}),
         "handoffs": seal_of(handoffs),
         "log": seal_of(None, columns),
+        **({} if events is None else {"events": seal_of(events)}),
     }
 
 
@@ -93,19 +109,12 @@ def read_run(folder: Path) -> RunFiles:
         where = ".".join(map(str, first["loc"]))
         raise DataError(f"{path}: config.{where}: {first['msg']}") from error
     _check_summary(path, content["summary"], scenario)
-    if not isinstance(seals, dict) or seals.get("summary") != _seals(content, [], {})["summary"]:
+    if not isinstance(seals, dict) or seals.get("summary") != _seals(content, [], {}, None)["summary"]:
         raise DataError(f"{path}: its content is not what the run wrote (its seal does not fit)")
     handoffs = read_json(folder / "handoffs.json")
     _check_handoffs(folder / "handoffs.json", handoffs, scenario)
     estimators = (content["summary"]["estimator_in_charge"], *content["summary"]["baselines"])
-    names = log_columns(
-        [a.name for a in scenario.agents],
-        [t.name for t in scenario.targets],
-        estimators,
-        [a.name for a in scenario.agents if a.pose.may_be_lost or a.exit_budget_s > 0.0],
-        [t.name for t in scenario.targets if t.assumed_size is not None],
-        INSTRUMENTS if scenario.run.instruments else (),
-    )
+    names = [column.name for column in columns_of(scenario, estimators)]
     columns = read_table(folder / "log.parquet", names)
     estimates = tuple(f"{target.name}.{name}." for target in scenario.targets for name in estimators)
     told = tuple(f".{what}" for what in INSTRUMENTS)
@@ -113,11 +122,13 @@ def read_run(folder: Path) -> RunFiles:
         n: values for n, values in columns.items() if not n.startswith(estimates) and not n.endswith(told)
     }
     _check_log(folder / "log.parquet", truth)
-    files = {"summary": path, "handoffs": folder / "handoffs.json", "log": folder / "log.parquet"}
-    for name, seal in _seals(content, handoffs, columns).items():
+    events = read_records(folder / "events.parquet", EVENT_FIELDS) if "events" in seals else None
+    ending = {"summary": "json", "handoffs": "json"}
+    for name, seal in _seals(content, handoffs, columns, events).items():
         if seals.get(name) != seal:
-            raise DataError(f"{files[name]}: its content is not what the run wrote (its seal does not fit)")
-    return RunFiles(scenario, content, handoffs, columns)
+            file = folder / f"{name}.{ending.get(name, 'parquet')}"
+            raise DataError(f"{file}: its content is not what the run wrote (its seal does not fit)")
+    return RunFiles(scenario, content, handoffs, columns, events)
 
 
 def _check_summary(path: Path, summary: dict[str, Any], scenario: Scenario) -> None:

@@ -18,7 +18,7 @@ import pytest
 from camnet.cli import simulate
 from camnet.cli.main import main
 
-FILES = {"summary.json", "handoffs.json", "log.parquet", ".camnet.json"}
+FILES = {"summary.json", "handoffs.json", "log.parquet", "events.parquet", ".camnet.json"}
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

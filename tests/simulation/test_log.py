@@ -9,10 +9,11 @@ import pandas as pd
 import pyarrow.parquet as pq
 
 from camnet.simulation.log import RunLog
+from camnet.simulation.log_columns import LogColumn
 
 
 def filled(rows: int) -> RunLog:
-    log = RunLog(["t_s", "robot.p_x_m"])
+    log = RunLog([LogColumn("t_s", "s", "time"), LogColumn("robot.p_x_m", "m", "x")])
     for k in range(rows):
         log.append(np.array([0.1 * k, np.sin(k)]))
     return log

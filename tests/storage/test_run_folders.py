@@ -25,7 +25,7 @@ from camnet.storage.json_file import parse_json, read_json
 from camnet.storage.marker import MARKER, read_marker, write_marker
 from camnet.storage.seal import seal_of
 
-NAMES = ("summary.json", "handoffs.json", "log.parquet")
+NAMES = ("summary.json", "handoffs.json", "log.parquet", "events.parquet")
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_any_changed_value_is_refused(run: Path, name: str) -> None:
 
         path.write_text(before)
         changed_json(path, change)
-        with pytest.raises(DataError, match=r"\.json|config|log\.parquet"):
+        with pytest.raises(DataError, match=r"\.json|config|(log|events)\.parquet"):
             read_run(run)
 
 

@@ -94,7 +94,7 @@ def run_folder(folder: Path, seconds: float = 2.0) -> Path:
         "version": __version__,
         "config": scenario.model_dump(mode="json"),
     }
-    write_run(folder, content, result.handoffs, result.log)
+    write_run(folder, content, result.handoffs, result.log, result.events)
     return folder
 
 
