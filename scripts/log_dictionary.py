@@ -49,9 +49,9 @@ events is read without it; `--events` says so with exit status 2.
 """
 
 
-_WHOSE = """Those of each target, of each estimator of each target, and of each agent; `{x,y,z}` stands for three columns.
-An agent's own pose is there where it may lose its pose or leave its region, a target's size where that is unknown, and
-the Lyapunov analysis (`V` to `sigma_h`) with `run.instruments: true`."""
+_WHOSE = """Those of each target, of each estimator of each target, and of each agent; `{x,y,z}` stands for three. An
+agent's own pose is there where it may lose its pose or leave its region, a target's size where that is unknown, and the
+Lyapunov analysis (`V` to `sigma_h`) with `run.instruments: true`."""
 
 
 def _table(columns: list[LogColumn]) -> str:

@@ -15,6 +15,7 @@ from camnet import __version__  # noqa: E402 - the thread counts above come firs
 from camnet.cli import (  # noqa: E402
     bench,
     certify,
+    completion,
     coverage,
     design,
     evaluate,
@@ -82,6 +83,7 @@ def build_parser() -> Parser:
         structure,
         bench,
         warm_up,
+        completion,
     ):
         module.add_parser(commands)
     return parser

@@ -33,8 +33,13 @@ __all__ = ["RunFiles", "read_run", "write_run"]
 
 _CONTENT = {"summary", "seed", "version", "config", "seals"}
 _HANDOFF = {"target", "from", "to", "lost_s", "entered_s", "seen_s", "delay_s", "completed"}
+<<<<<<< HEAD
 #: how long the agents of both regions had been without external pose
 _HANDOFF |= {"from_lost_for_s", "to_lost_for_s"}
+=======
+#: absent in runs from before agents could lose their pose
+_LOST_FOR = {"from_lost_for_s", "to_lost_for_s"}
+>>>>>>> d44c9d4 (Shell completion; handoff records with the time without pose are read back)
 #: columns of the truth that may be unknown, as nothing is certified; those of estimators are what they made of it
 _MAY_BE_NAN = (".off_left_s", ".off_margin_m", ".size_sd")
 
@@ -168,7 +173,7 @@ def _check_summary(path: Path, summary: dict[str, Any], scenario: Scenario) -> N
 
 def _check_handoffs(path: Path, handoffs: object, scenario: Scenario) -> None:
     if not isinstance(handoffs, list) or not all(
-        isinstance(h, dict) and set(h) == _HANDOFF for h in handoffs
+        isinstance(h, dict) and set(h) in (_HANDOFF, _HANDOFF | _LOST_FOR) for h in handoffs
     ):
         raise DataError(f"{path}: is not a list of handoffs")
     targets = {target.name for target in scenario.targets}
