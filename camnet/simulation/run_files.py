@@ -33,13 +33,8 @@ __all__ = ["RunFiles", "read_run", "write_run"]
 
 _CONTENT = {"summary", "seed", "version", "config", "seals"}
 _HANDOFF = {"target", "from", "to", "lost_s", "entered_s", "seen_s", "delay_s", "completed"}
-<<<<<<< HEAD
-#: how long the agents of both regions had been without external pose
-_HANDOFF |= {"from_lost_for_s", "to_lost_for_s"}
-=======
 #: absent in runs from before agents could lose their pose
 _LOST_FOR = {"from_lost_for_s", "to_lost_for_s"}
->>>>>>> d44c9d4 (Shell completion; handoff records with the time without pose are read back)
 #: columns of the truth that may be unknown, as nothing is certified; those of estimators are what they made of it
 _MAY_BE_NAN = (".off_left_s", ".off_margin_m", ".size_sd")
 
