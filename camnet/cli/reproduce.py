@@ -81,8 +81,8 @@ EXPERIMENTS = {
     ),
     "gps-denied": Experiment(
         "camnet.experiments.gps_denied",
-        "handoffs to and from an agent that dead-reckons in outages of 60 s",
-        20,
+        "handoffs to and from agents that dead-reckon in outages of 60 s",
+        11,
     ),
     "unknown-size": Experiment(
         "camnet.experiments.unknown_size",

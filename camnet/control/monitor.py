@@ -79,6 +79,13 @@ class DisturbanceMonitor:
 
         Periods are collected and judged many at a time.
         """
+        poses = (before.camera_p_world, before.camera_q_world, after.camera_p_world, after.camera_q_world)
+        self.update_poses(poses, after.t_s - before.t_s, control)
+
+    def update_poses(
+        self, poses: tuple[Array, Array, Array, Array], dt_s: float, control: CameraControl
+    ) -> None:
+        """Take a control period by the cameras' positions and orientations before and after it."""
         n, k = self._n, self._count
         if n == 0:
             return
@@ -86,10 +93,7 @@ class DisturbanceMonitor:
         record_period(
             k,
             *self._buffers,
-            before.camera_p_world,
-            before.camera_q_world,
-            after.camera_p_world,
-            after.camera_q_world,
+            *poses,
             control.v_world,
             control.w_cam,
             control.e_linear,
@@ -99,7 +103,7 @@ class DisturbanceMonitor:
             r.v_world,
             r.w_cam,
         )
-        self.ended(after.t_s - before.t_s)
+        self.ended(dt_s)
 
     @property
     def place(self) -> int:

@@ -6,15 +6,24 @@ from collections.abc import Callable
 
 import numpy as np
 
-from camnet.estimation.own_pose import advance_own, draw_errors, fix_own, own_model, start_own
+from camnet.compiled import cached_njit
+from camnet.estimation.own_pose import (
+    OwnErrors,
+    OwnModel,
+    advance_own,
+    draw_errors,
+    fix_own,
+    own_model,
+    start_own,
+)
 from camnet.sensing.own_pose_settings import PoseSource
-from camnet.types import Array
+from camnet.types import Array, IntArray
 
 __all__ = ["MARKS_S", "WAYS", "fly_alone"]
 
 #: the error is taken so long into the outage, s
 MARKS_S = (10.0, 30.0, 60.0, 119.0)
-_SPEED_MPS, _DT_S, _BEFORE_S, _FLIGHTS = 1.0, 0.05, 100.0, 400
+_SPEED_MPS, _DT_S, _BEFORE_S, _FLIGHTS = 1.0, 0.05, 100.0, 100
 #: half of a leg of the search pattern, m
 _LEG_M = 3.0
 
@@ -68,12 +77,32 @@ def _fly(source: PoseSource, way: Callable[[Array], Array], rng: np.random.Gener
     x, cov = np.zeros(9), np.zeros((9, 9))
     start_own(x, cov, model, poses[0], draws[0, 3:])
     every = max(1, round(1.0 / (source.fixes.rate_hz * _DT_S)))
-    marks = [round((_BEFORE_S + m) / _DT_S) for m in MARKS_S]
-    out = []
-    for k in range(1, count + 1):
+    marks = np.array([round((_BEFORE_S + m) / _DT_S) for m in MARKS_S])
+    _steps(
+        x,
+        cov,
+        model,
+        errors,
+        poses,
+        draws,
+        round(_BEFORE_S / _DT_S),
+        every,
+        marks,
+        found := np.empty(len(marks)),
+    )
+    return found.tolist()
+
+
+@cached_njit
+def _steps(
+    x: Array, cov: Array, model: OwnModel, errors: OwnErrors, poses: Array, draws: Array, fixes: int, every: int,
+    marks: IntArray, found: Array,
+) -> None:  # fmt: skip
+    """Fly along ``poses`` (K,3); fixes come ``every`` so many steps until step ``fixes``."""
+    for k in range(1, len(poses)):
         advance_own(x, cov, model, errors, poses[k - 1], poses[k], _DT_S, draws[k, :3], np.nan)
-        if t[k] <= _BEFORE_S and k % every == 0:
+        if k <= fixes and k % every == 0:
             fix_own(x, cov, model, poses[k], draws[k, 3:])
-        if k in marks:
-            out.append(float(np.hypot(*(x[:2] - poses[k, :2]))))
-    return out
+        for i in range(len(marks)):
+            if k == marks[i]:
+                found[i] = np.hypot(x[0] - poses[k, 0], x[1] - poses[k, 1])

@@ -20,6 +20,10 @@ from camnet.settings import NonNegative, Positive, Settings
 __all__ = ["ErrorBounds", "ExternalFixes", "PoseSource", "VelocitySource", "VisualRotation"]
 
 
+#: an instant so close before an outage's end or beginning is on it, s
+_EARLY_S = 1e-6
+
+
 class VelocitySource(Settings):
     """Horizontal velocity from optical flow and height, and a gyro about the vertical, with their errors.
 
@@ -92,4 +96,4 @@ class PoseSource(Settings):
 
     def lost_at(self, t_s: float) -> bool:
         """Whether ``t_s`` lies in an outage."""
-        return any(begin <= t_s < end for begin, end in self.outages_s)
+        return any(begin <= t_s + _EARLY_S < end for begin, end in self.outages_s)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from camnet.simulation.gaps import GapRecorder, miss
 from camnet.simulation.handoff import HandoffTracker
 from camnet.simulation.models import start_from
 from camnet.simulation.network import Network
-from camnet.simulation.own_pose import OwnPoses
+from camnet.simulation.own_pose import own_poses
 from camnet.simulation.perception import Perceived, Perceiver
 from camnet.simulation.statistics import RunStatistics
 from camnet.simulation.truth import TruthRecord, truth_of
@@ -120,11 +120,10 @@ class NetworkSimulation(ExactCopies):
             self.control_dt_s,
             network.detours(),
         )
-        #: where agents believe to be, if any of them may lose its external pose
-        self.own = self._own_poses(own_rng)
+        #: where agents believe to be, if any may lose its pose; the sizes of targets of unknown size, by number
+        self.own = own_poses(network, self.control_dt_s, self.snapshot, own_rng)
         self.exits = ExitBudgets(network) if network.exits else None
         self._reference_state = self._references.start(self.believed_p_world)
-        #: targets of unknown size, by their number
         targets = enumerate(scenario.targets)
         self.sizes = {m: SizeFromMotion(t.assumed_size) for m, t in targets if t.assumed_size is not None}
         features = [target.features_m for target in network.description.targets]
@@ -187,12 +186,6 @@ class NetworkSimulation(ExactCopies):
         if latency_s:
             filters = [DelayedFilter(f, latency_s) for f in filters]
         return [ConsideredFilter(f) for f in filters] if network.own_poses else filters
-
-    def _own_poses(self, rng: np.random.Generator) -> OwnPoses | None:
-        network = self.network
-        if not network.own_poses:
-            return None
-        return OwnPoses(network.own_poses, network.n_agents, self.control_dt_s, self.snapshot, rng)
 
     @property
     def believed_p_world(self) -> Array:
@@ -265,19 +258,15 @@ class NetworkSimulation(ExactCopies):
         self.snapshot = self.world.step(CameraCommand(v_world, control.w_cam, a_world))
         self.count += 1
         if own is not None:
-            own.step(self.snapshot, self.agents_outside())
-        self.disturbance.update(*self._flown(before, p_world, q_world), control)
+            own.step(self.snapshot)
+        after = (self.snapshot.camera_p_world, self.snapshot.camera_q_world)
+        if own is not None:  # what is flown is what is believed
+            after = (own.p_world, own.q_world)
+        self.disturbance.update_poses((p_world, q_world, *after), self.control_dt_s, control)
         self._reference_state = self._references.step(
             self._reference_state, setpoints.p_world, setpoints.gaze_rad
         )
         self.statistics.after_control(self)
-
-    def _flown(self, before: Snapshot, p_world: Array, q_world: Array) -> tuple[Snapshot, Snapshot]:
-        """Both ends of a control period for the monitor, as the agents believe them."""
-        if self.own is None:
-            return before, self.snapshot
-        now = replace(self.snapshot, camera_p_world=self.own.p_world, camera_q_world=self.own.q_world)
-        return replace(before, camera_p_world=p_world, camera_q_world=q_world), now
 
     def reference_p_world(self, j: int) -> Array:
         """Return the present position reference (3,) of agent ``j``, m."""
@@ -325,7 +314,7 @@ class NetworkSimulation(ExactCopies):
         """Measure, and advance all estimators of all targets to now."""
         measurements = self._sensor.measure(snapshot, self.visible, self._sensor_rng)
         if self.own is not None:
-            measurements = [self.own.as_believed(z) for z in measurements]
+            measurements = self.own.report(snapshot.t_s, self._outside[1], measurements)
         if self.sizes:
             measurements = [
                 self.sizes[z.target].take(z) if z.target in self.sizes else z for z in measurements

@@ -14,34 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camnet.estimation.own_pose import (
-    OwnErrors,
-    OwnModel,
-    advance_own,
-    draw_errors,
-    fix_own,
-    own_model,
-    start_own,
-)
-from camnet.geometry.rotations import multiply
+from camnet.estimation.own_pose import draw_errors, own_model, start_own
+from camnet.estimation.own_pose.sources import DRAWS, pack_sources, step_source
 from camnet.sensing.own_pose_settings import PoseSource
+from camnet.simulation.network import Network
 from camnet.types import Array, BoolArray, CameraMotion, PoseMeasurement, Snapshot
 
-__all__ = ["OwnPoses", "OwnResiduals", "PoseNoise", "heading_of", "true_poses"]
+__all__ = ["OwnPoses", "OwnResiduals", "heading_of", "own_poses", "true_poses"]
 
 #: believed poses kept for measurements that come late
 _KEPT = 1024
 _SAME_S = 1e-9
-#: times within this share of a period of a fix or image count as on it
-_EARLY = 1e-6
-
-
-class PoseNoise(NamedTuple):
-    """One agent's model, the errors of its velocity source in this run, and how often fixes and images come."""
-
-    model: OwnModel
-    errors: OwnErrors
-    source: PoseSource
 
 
 class OwnResiduals(NamedTuple):
@@ -75,72 +58,89 @@ class OwnPoses:
     ) -> None:
         self.agents = tuple(sorted(sources))
         self.n_agents, self._dt, self._rng = n_agents, dt_s, rng
-        self.noise = [
-            PoseNoise(own_model(sources[j], dt_s), draw_errors(sources[j], rng), sources[j])
-            for j in self.agents
-        ]
+        chosen = [sources[j] for j in self.agents]
         count = len(self.agents)
+        self._numbers, self._outages = pack_sources(chosen, dt_s)
+        #: scale and gyro bias of this run (A,2)
+        self.errors = np.array([draw_errors(source, rng) for source in chosen])
         #: filters' states (A,9) and covariances (A,9,9), see `camnet.estimation.own_pose.dead_reckoning`
         self.x, self.cov = np.zeros((count, 9)), np.zeros((count, 9, 9))
-        #: which agents (N,) have no external pose now, and since when, s
+        #: which agents (N,) have no external pose now, and since when, s; who is beyond its region
         self.lost: BoolArray = np.zeros(n_agents, dtype=bool)
         self.lost_since_s = np.full(n_agents, math.nan)
+        self.outside: BoolArray = np.zeros(n_agents, dtype=bool)
         #: errors (N,) of the believed position on the ground, m, and heading, rad
         self.error_m, self.turn_rad = np.zeros(n_agents), np.zeros(n_agents)
-        self._image_heading = np.zeros(count)
         self._past: deque[tuple[float, Array, Array, Array]] = deque(maxlen=_KEPT)
-        draws, truth = rng.standard_normal((count, 3)), true_poses(now, self.agents)
-        for a in range(count):
-            start_own(self.x[a], self.cov[a], self.noise[a].model, truth[a], draws[a])
-            self._image_heading[a] = truth[a, 2]
-        self._truth = truth
-        self._believe(now, truth)
+        draws, poses = rng.standard_normal((count, 3)), true_poses(now, self.agents)
+        self._truth = np.column_stack([poses, poses[:, 2]])
+        for a, source in enumerate(chosen):
+            start_own(self.x[a], self.cov[a], own_model(source, dt_s), poses[a], draws[a])
+            self.turn_rad[self.agents[a]] = math.remainder(self.x[a, 2] - poses[a, 2], 2.0 * math.pi)
+        self._believe(now)
 
-    def step(self, after: Snapshot, outside: BoolArray) -> None:
-        """Take one control period; ``outside`` (N,): agents beyond their regions, where there is no external pose."""
-        was, now = self._truth, true_poses(after, self.agents)
-        self._truth = now
-        draws = self._rng.standard_normal((len(self.agents), 7))
+    def step(self, after: Snapshot) -> None:
+        """Take one control period."""
+        poses = true_poses(after, self.agents)
+        draws = self._rng.standard_normal((len(self.agents), DRAWS))
         for a, j in enumerate(self.agents):
-            model, errors, source = self.noise[a]
-            turn = math.nan
-            if source.source == "key_frames" and _ticks(after.t_s, self._dt, 1.0 / source.visual.every_s):
-                since = math.remainder(now[a, 2] - self._image_heading[a], 2.0 * math.pi)
-                turn = since + model.turn_sd * draws[a, 3]
-                self._image_heading[a] = now[a, 2]
-            advance_own(self.x[a], self.cov[a], model, errors, was[a], now[a], self._dt, draws[a, :3], turn)
-            lost = source.lost_at(after.t_s) or bool(outside[j])
+            self.turn_rad[j], lost = step_source(
+                self.x[a],
+                self.cov[a],
+                self._truth[a],
+                self.errors[a],
+                self._numbers[a],
+                self._outages,
+                a,
+                poses[a],
+                draws[a],
+                bool(self.outside[j]),
+                after.t_s,
+                self._dt,
+            )
             if lost != self.lost[j]:
                 self.lost_since_s[j] = after.t_s if lost else math.nan
-            self.lost[j] = lost
-            if not lost and _ticks(after.t_s, self._dt, source.fixes.rate_hz):
-                fix_own(self.x[a], self.cov[a], model, now[a], draws[a, 4:])
-        self._believe(after, now)
+                self.lost[j] = lost
+        self._believe(after)
 
-    def _believe(self, now: Snapshot, truth: Array) -> None:
+    def _believe(self, now: Snapshot) -> None:
         """Place the cameras in the agents' worlds."""
         self.p_world, self.q_world = now.camera_p_world.copy(), now.camera_q_world.copy()
         for a, j in enumerate(self.agents):
-            self.turn_rad[j] = math.remainder(self.x[a, 2] - truth[a, 2], 2.0 * math.pi)
-            self.error_m[j] = math.hypot(*(self.x[a, :2] - truth[a, :2]).tolist())
-            self.p_world[j, :2] = self.x[a, :2]
-            half = 0.5 * self.turn_rad[j]
-            self.q_world[j] = multiply(np.array([math.cos(half), 0.0, 0.0, math.sin(half)]), self.q_world[j])
-        self._past.append((now.t_s, self.p_world, self.q_world, self.turn_rad.copy()))
+            x, y = self.x[a, 0], self.x[a, 1]
+            self.error_m[j] = math.hypot(x - self.p_world[j, 0], y - self.p_world[j, 1])
+            self.p_world[j, 0], self.p_world[j, 1] = x, y
+            half = 0.5 * float(self.turn_rad[j])
+            c, s = math.cos(half), math.sin(half)
+            q0, q1, q2, q3 = self.q_world[j].tolist()
+            self.q_world[j] = c * q0 - s * q3, c * q1 - s * q2, c * q2 + s * q1, c * q3 + s * q0
+
+    def report(
+        self, t_s: float, outside: BoolArray, measurements: list[PoseMeasurement]
+    ) -> list[PoseMeasurement]:
+        """Return measurements as their agents report them at ``t_s``, when images are taken.
+
+        ``outside`` (N,) are the agents beyond their regions, where they have no external pose.
+        """
+        self._past.append((t_s, self.p_world, self.q_world, self.turn_rad.copy()))
+        self.outside[:] = outside
+        return [self.as_believed(z) for z in measurements]
 
     def residuals(self, j: int) -> OwnResiduals:
         """Return the true errors of agent ``j`` now."""
         a = self.agents.index(j)
-        _, errors, _ = self.noise[a]
-        scale = (1.0 + errors.scale) / (1.0 + float(self.x[a, 3])) - 1.0
-        bias = errors.gyro_bias - float(self.x[a, 4])
+        scale = (1.0 + float(self.errors[a, 0])) / (1.0 + float(self.x[a, 3])) - 1.0
+        bias = float(self.errors[a, 1] - self.x[a, 4])
         return OwnResiduals(float(self.error_m[j]), float(self.turn_rad[j]), scale, bias)
 
     def turned_back(self, vectors: Array) -> Array:
         """Turn vectors (N,3) from the agents' worlds into the true one."""
-        c, s = np.cos(self.turn_rad), np.sin(self.turn_rad)
-        x, y = vectors[:, 0], vectors[:, 1]
-        return np.column_stack([c * x + s * y, c * y - s * x, vectors[:, 2]])
+        out = vectors.copy()
+        for j in self.agents:
+            c, s = math.cos(self.turn_rad[j]), math.sin(self.turn_rad[j])
+            x, y = vectors[j, 0], vectors[j, 1]
+            out[j, 0], out[j, 1] = c * x + s * y, c * y - s * x
+        return out
 
     def pose_cov(self, j: int) -> Array | None:
         """Covariance (3,3) of x and y, m, and heading, rad, of agent ``j``; None: its pose is known."""
@@ -167,6 +167,12 @@ class OwnPoses:
         return replace(z, motion=motion)
 
 
+def own_poses(network: Network, dt_s: float, now: Snapshot, rng: np.random.Generator) -> OwnPoses | None:
+    """Return the believed poses of a network's agents; None where all of them know theirs."""
+    sources = network.own_poses
+    return OwnPoses(sources, network.n_agents, dt_s, now, rng) if sources else None
+
+
 def heading_of(q_world: Array) -> float:
     """Heading of a body, rad, from its orientation (4,)."""
     w, x, y, z = q_world.tolist()
@@ -177,8 +183,3 @@ def true_poses(now: Snapshot, agents: tuple[int, ...]) -> Array:
     """Return x and y of the agents' cameras, m, and headings of their bodies, rad, (A,3)."""
     p, q = now.camera_p_world, now.agent_q_world
     return np.array([[p[j, 0], p[j, 1], heading_of(q[j])] for j in agents])
-
-
-def _ticks(t_s: float, dt_s: float, rate_hz: float) -> bool:
-    """Whether a clock of ``rate_hz`` ticks in the period that ends at ``t_s``."""
-    return math.floor(t_s * rate_hz + _EARLY) > math.floor((t_s - dt_s) * rate_hz + _EARLY)
