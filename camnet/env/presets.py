@@ -13,8 +13,8 @@
 | `camnet/Handoff-Lost-3-v1` | three robots faster than the cameras: where to wait |
 
 The ids that end in v1 count every entry into a region as a handoff, by the truth (``score="v1"``,
-`camnet.env.settings.EnvSettings`); those that end in v0 count targets that were seen before. How much of a task is solved
-by replaying what was done in another episode is measured by `camnet.env.conformance_replay`.
+`camnet.env.settings.EnvSettings`); those that end in v0 count targets that were seen before. How much of a
+task is solved by replaying what was done in another episode is measured by `camnet.env.conformance_replay`.
 
 All of them are registered with PettingZoo in both forms; ``pettingzoo.make("parallel", id, ...)`` takes the options of
 `camnet.env.handoff_v0.HandoffEnv` on top. The ids are worlds to `camnet.env.batch_handoff.BatchHandoff` and to
