@@ -8,7 +8,7 @@ from pydantic import Field
 
 from camnet.settings import Fraction, NonNegative, Positive, Settings
 
-__all__ = ["DensitySettings", "IdentitySettings"]
+__all__ = ["DensitySettings", "FutureSettings", "IdentitySettings"]
 
 
 class DensitySettings(Settings):
@@ -57,3 +57,22 @@ class IdentitySettings(Settings):
     companion_place_m: Positive = 15.0
     horizon_s: Positive = 600.0
     folds: Annotated[int, Field(ge=2, le=100)] = 5
+
+
+class FutureSettings(Settings):
+    """Branches: how alike two exits are (standard deviations of kernels), priors, intervals.
+
+    ``prior_strength``: crossings that the shares over all exits of a view are worth; ``equal_strength``: crossings that
+    equal shares are worth. ``recency_s``: lessons fade with the time since them; None: they do not. ``coverage``: share
+    that the calibrated intervals hold.
+    """
+
+    position_scale_m: Positive = 3.0
+    velocity_scale_mps: Positive = 2.0
+    recency_s: Positive | None = None
+    prior_strength: Positive = 1.0
+    equal_strength: Positive = 1.0
+    log_time_width: Positive = 0.1
+    calibrate: bool = True
+    coverage: Annotated[float, Field(gt=0, lt=1)] = 0.8
+    calibration_size: Annotated[int, Field(gt=0, le=1_000_000)] = 400

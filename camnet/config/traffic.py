@@ -31,7 +31,7 @@ from camnet.storage.seal import seal_of
 from camnet.storage.whole_file import whole_file, write_json
 from camnet.types import Array
 
-__all__ = ["expand_traffic"]
+__all__ = ["busy_places", "expand_traffic"]
 
 _LOG = logging.getLogger(__name__)
 #: size of a car and four points on its roof (body frame: x forward, z up)
@@ -112,7 +112,7 @@ def _make(traffic: TrafficSettings, folder: Path) -> dict[str, Any]:
         traffic.step_s,
     )
     tracks = _window(read_tracks(trace, "fcd"), traffic.warm_up_s, traffic.duration_s)
-    places = _places(tracks, traffic.regions)
+    places = busy_places(tracks, traffic.regions)
     chosen = _most_handed_over(tracks, places, traffic)
     if not places or not chosen:
         raise DataError(
@@ -143,7 +143,7 @@ def _window(tracks: Sequence[Track], begin_s: float, duration_s: float) -> list[
     return kept
 
 
-def _places(tracks: Sequence[Track], settings: TrafficRegions) -> list[BusyRegion]:
+def busy_places(tracks: Sequence[Track], settings: TrafficRegions) -> list[BusyRegion]:
     """Choose the busiest place, and the next busiest ones that are near enough to it."""
     if not tracks:
         return []

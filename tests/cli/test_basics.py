@@ -105,7 +105,13 @@ def test_what_is_mistyped_gets_a_suggestion(
 
 
 _NEED = {"design": ["--tracks", "x.csv"], "simulate": ["quickstart"], "falsify": ["patrol"]}
-_NEED |= {"structure": ["x.mp4"], "coverage": ["patrol"], "identify": ["x.yaml"], "track": ["x.csv"]}
+_NEED |= {
+    "structure": ["x.mp4"],
+    "coverage": ["patrol"],
+    "identify": ["x.yaml"],
+    "futures": ["x.yaml"],
+    "track": ["x.csv"],
+}
 _NEED |= {"reproduce": ["adate-table"], "track-video": ["x.mp4"], "bench": ["sensing"], "certify": ["patrol"]}
 
 
