@@ -142,6 +142,7 @@ def run_sumo(
         arguments = {
             "--configuration-file": stage / "camnet.sumocfg",
             "--fcd-output": fcd,
+            "--fcd-output.attributes": "x,y,angle,speed",  # what the reader takes; an hour of a city is large
             "--begin": begin_s,
             "--end": begin_s + duration_s,
             "--step-length": step_s,
