@@ -72,6 +72,7 @@ _ROWS = (
     (
         Smoke("simulate quickstart --duration 4 --out run", leaves=("run/report.html", "run/video.mp4")),
         Smoke("report run --no-video"),
+        Smoke("log run --describe"),
         Smoke("track-video run/video.mp4 --box 100,100,60,60 --out tracked", leaves=("tracked/boxes.csv",)),
         Smoke("structure board --board 9x6 --out path", leaves=("path/points.ply", "path/structure.mp4")),
         Smoke("certify quickstart --out certified", status=1, leaves=("certified/report.html",)),  # nothing is promised
@@ -80,6 +81,7 @@ _ROWS = (
         Smoke("reproduce adate-navigation --seeds 1 --out reproduced"),
         Smoke("warm-up certify"),
         Smoke("worlds"),
+        Smoke("completion bash"),
     ),
     (
         Smoke(f"train --steps 512 {' '.join(_TRAIN_LITTLE)} --out trained", leaves=("trained/policy.npz",)),
