@@ -13,6 +13,7 @@
 | `blind` | as `static`, and `camnet evaluate` switches all cameras off | (none) |
 | `static` | stay in the middle, look down | (the same) |
 | `random` | any action | (the same) |
+| `module:attribute` | of another package: an `AgentContext` in, a policy out | its `estimator`, else the learning one |
 | a file name | what `camnet train` wrote there | the one it was trained with |
 """
 
@@ -36,6 +37,7 @@ from camnet.agents.random_walk import RandomWalk
 from camnet.agents.static import Static
 from camnet.agents.trained import Trained
 from camnet.errors import ConfigError
+from camnet.plugins import is_plugin, load_plugin
 
 __all__ = ["AGENTS", "Team", "build_policies", "build_team", "estimator_of"]
 
@@ -72,6 +74,18 @@ _TEAMS: dict[str, Callable[[Mapping[str, AgentContext]], Team]] = {
 AGENTS = (*_SINGLE, *_TEAMS, "random")
 
 
+def _outside(name: str) -> Callable[[AgentContext], Policy]:
+    return load_plugin(name, "agent", "a function or class of an AgentContext")
+
+
+def _checked(name: str, policy: Policy) -> Policy:
+    if not callable(policy):
+        raise ConfigError(
+            f"agent: {name!r} made {type(policy).__name__}: a policy, called with an observation, was expected"
+        )
+    return policy
+
+
 def _is_file(name: str) -> bool:
     return name.endswith(".npz")
 
@@ -86,11 +100,14 @@ def estimator_of(name: str) -> str:
     """
     if _is_file(name):
         return load_policy(Path(name)).header.filter_name
+    if is_plugin(name):
+        return str(getattr(_outside(name), "estimator", "learned"))
     if name not in AGENTS:
         close = difflib.get_close_matches(name, AGENTS, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""
         raise ConfigError(
-            f"agent {name!r}: unknown: {hint}known are {', '.join(AGENTS)}, and policy files by name (*.npz)"
+            f"agent {name!r}: unknown: {hint}known are {', '.join(AGENTS)}, policy files by name (*.npz), and "
+            "module:attribute of another package"
         )
     return _ESTIMATOR.get(name, name)
 
@@ -109,6 +126,9 @@ def build_policies(name: str, known: Mapping[str, AgentContext], seed: int = 0) 
             agent: RandomWalk(context, np.random.default_rng(child))
             for (agent, context), child in zip(known.items(), seeds, strict=True)
         }
+    if is_plugin(name):
+        make = _outside(name)
+        return {agent: _checked(name, make(context)) for agent, context in known.items()}
     if name not in _SINGLE:
         names = ", ".join((*_SINGLE, "random"))
         raise ConfigError(f"agent {name!r}: unknown as a policy of one agent; known are {names}")

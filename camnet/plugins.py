@@ -45,7 +45,9 @@ def load_plugin(name: str, field: str, words: str) -> Callable[..., Any]:
             f"{field}: {name!r}: {error}; install the package that has it, or put its folder on PYTHONPATH"
         ) from None
     except Exception as error:  # whatever a module of somebody else raises
-        raise ConfigError(f"{field}: {name!r}: {module} fails to load: {type(error).__name__}: {error}") from error
+        raise ConfigError(
+            f"{field}: {name!r}: {module} fails to load: {type(error).__name__}: {error}"
+        ) from error
     if not hasattr(found, attribute):
         known = [n for n in vars(found) if not n.startswith("_") and callable(vars(found)[n])]
         raise ConfigError(

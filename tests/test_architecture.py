@@ -1,4 +1,4 @@
-"""Every file that docs/architecture.md and CONTRIBUTING.md name is there, and every package has its place on the page."""
+"""Every file that docs/architecture.md and CONTRIBUTING.md name is there; every package has its place on the page."""
 
 from __future__ import annotations
 

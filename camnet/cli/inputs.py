@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from camnet.cli.arguments import numbers
 from camnet.cli.common import overrides, progress_bar
+from camnet.plugins import is_plugin, load_plugin
 
 __all__ = ["image_size", "learned_model", "read_tracks", "world_of"]
 
@@ -56,7 +58,7 @@ def image_size(text: str) -> tuple[int, int]:
 
 
 def read_tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
-    """Read ``--tracks``: ETH/UCY text, or a CSV table."""
+    """Read ``--tracks``: ETH/UCY text, a CSV table, or ``module:attribute:FILE`` by a reader of another package."""
     from camnet.importers.csv_tracks import read_csv_tracks
     from camnet.importers.eth_tracks import read_eth_tracks
     from camnet.importers.fixes import TrackOptions
@@ -66,5 +68,11 @@ def read_tracks(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported lat
     if args.origin is not None:
         names = ("latitude", "longitude", "altitude")
         origin = Origin(*numbers("--origin", args.origin, names, "39.05,-85.53,205"))
+    module, _, rest = str(args.tracks).partition(":")
+    attribute, _, file = rest.partition(":")
+    if file and is_plugin(f"{module}:{attribute}") and not args.tracks.exists():
+        words = "a function of (path, options) that returns tracks"
+        reader = load_plugin(f"{module}:{attribute}", "--tracks", words)
+        return tuple(reader(Path(file), TrackOptions(origin=origin)))
     read = read_eth_tracks if args.tracks.suffix == ".txt" else read_csv_tracks
     return read(args.tracks, TrackOptions(origin=origin))

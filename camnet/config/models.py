@@ -6,16 +6,18 @@ an agent names its region and its camera model, a fixed camera its model, a targ
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, PlainSerializer, WrapValidator
 
 from camnet.certification.settings import CertificateSettings
 from camnet.control.settings import ControllerSettings
 from camnet.estimation.settings import EstimatorSettings
 from camnet.geometry.settings import CameraModel, FixedPose, Road, Shape
 from camnet.motion.settings import TargetSettings
+from camnet.plugins import is_plugin
 from camnet.sensing.own_pose_settings import PoseSource
 from camnet.sensing.settings import SensingSettings
 from camnet.settings import Finite, NonNegative, Positive, Seed, Settings, Vector3
@@ -86,6 +88,17 @@ class HandoffSettings(Settings):
     rollout_dt_s: Positive = 0.2
 
 
+def _or_plugin(name: object, validate: Callable[[object], Any]) -> Any:  # noqa: ANN401 - a name
+    return name if isinstance(name, str) and is_plugin(name) else validate(name)
+
+
+_Estimator = Annotated[
+    Literal["learned", "learned_shared", "printed", "adate", "ekf", "ukf", "ideal", "oracle"],
+    WrapValidator(_or_plugin),
+    PlainSerializer(str, return_type=str),
+]
+
+
 class RunSettings(Settings):
     """Length and rates of a run, and the estimators that run side by side on the same measurements.
 
@@ -100,10 +113,7 @@ class RunSettings(Settings):
     log_hz: Positive = 10.0
     model: Path | None = None
     instruments: bool = False
-    estimators: Annotated[
-        tuple[Literal["learned", "learned_shared", "printed", "adate", "ekf", "ukf", "ideal", "oracle"], ...],
-        Field(min_length=1),
-    ] = (
+    estimators: Annotated[tuple[_Estimator, ...], Field(min_length=1)] = (
         "learned",
         "printed",
         "ekf",
