@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,8 @@ def _prices(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
     return Prices(args.turn_price or usual.turn, args.move_price or usual.move)
 
 
+#: highest that a camera looks, where targets fly, degrees below the horizon
+_UP_DEG = -75.0
 #: where a repair may put cameras unless it is told: masts about the site, and walls that are as high
 _MASTS, _WALLS, _WALLS_M = "outline:8,5", "walls:4,5", 5.0
 
@@ -212,7 +215,7 @@ def _mounts(texts: Sequence[str], scenario: Any, tolerance: Any, origin: Any) ->
         A text is neither a file nor one of the rules, or two mounts have one name.
     """
     from camnet.experiments.design_mounts import BRACKET_M, outline_mounts, wall_mounts
-    from camnet.experiments.site_ways import places_of
+    from camnet.experiments.site_ways import flies, places_of
     from camnet.geometry.regions import build_region
     from camnet.importers.geojson_mounts import read_geojson_mounts
     from camnet.importers.mounts import read_mounts
@@ -223,10 +226,15 @@ def _mounts(texts: Sequence[str], scenario: Any, tolerance: Any, origin: Any) ->
     found = []
     for text in texts:
         rule, colon, rest = text.partition(":")
-        if colon and rule == "walls":
-            found += wall_mounts(solids, *_two_lengths(text, rest), bracket_m)
-        elif colon and rule == "outline":
-            found += outline_mounts(places_of(scenario), solids, *_two_lengths(text, rest))
+        if colon and rule in ("walls", "outline"):
+            lengths = _two_lengths(text, rest)
+            along = (
+                wall_mounts(solids, *lengths, bracket_m)
+                if rule == "walls"
+                else outline_mounts(places_of(scenario), solids, *lengths)
+            )
+            up = flies(scenario)  # cameras look up where a target does not stay on the ground
+            found += [replace(m, tilt_deg=(_UP_DEG, m.tilt_deg[1])) for m in along] if up else along
         elif text.lower().endswith((".geojson", ".json")):
             found += read_geojson_mounts(Path(text), origin)
         else:

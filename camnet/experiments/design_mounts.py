@@ -167,9 +167,14 @@ def _pans(mount: Mount, step: float) -> list[float]:
 
 
 def _tilts(mount: Mount, step: float) -> list[float]:
-    """Return tilts on the grid of the step, less the ends where a camera looks at the horizon or straight down."""
+    """Return tilts on the grid of the step, less the ends where a camera looks straight down or up.
+
+    The horizon is one of them only where the mount allows to look above it.
+    """
     low, high = mount.tilt_deg
-    inner = [t for t in np.arange(step, 89.9, step).tolist() if low - 1e-9 <= t <= high + 1e-9]
+    count = math.ceil(89.9 / step) - 1
+    grid = [k * step for k in range(-count if low < 0.0 else 1, count + 1)]
+    inner = [t for t in grid if low - 1e-9 <= t <= high + 1e-9]
     return inner or sorted({low, 0.5 * (low + high), high})
 
 

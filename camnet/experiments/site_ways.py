@@ -18,7 +18,7 @@ from camnet.motion.settings import FieldTarget, VectorFieldTarget
 from camnet.simulation.network import Network, build_network
 from camnet.types import Array
 
-__all__ = ["SiteWays", "places_of", "site_ways"]
+__all__ = ["SiteWays", "flies", "places_of", "site_ways"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,11 @@ def _ways_of(network: Network, members: tuple[str, ...], whole: Network) -> Site
         f"target {target.name!r} is of kind {target.motion.kind!r}: it may go anywhere, so that no choice of cameras "
         "bounds its time out of view; give it roads, or use camnet design --tracks"
     )
+
+
+def flies(scenario: Scenario) -> bool:
+    """Whether a target of a world leaves the ground."""
+    return any(ways.height_m is not None for site in site_ways(scenario) for ways in site.ways)
 
 
 def places_of(scenario: Scenario) -> Array:

@@ -501,3 +501,11 @@ def test_bounded_choices_agree_with_brute_force(seed):
     except ValueError:
         return
     assert any(np.array_equal(greedy, s) for s in good)
+
+
+def test_cameras_look_up_where_a_target_flies(capsys, tmp_path):
+    words = ("--mounts", "outline:12,2", "--existing", "replace", "--off-max", "25", "--aim-step", "30")
+    status, report = design(capsys, "drone_watch", *words, "--out", tmp_path / "d")
+    assert (status, report["certified"]) == (0, True)
+    assert min(c["tilt_deg"] for c in report["cameras"]) <= 0.0  # level or upwards: none looks at the ground
+    assert report["lower_bound"] <= report["price"] <= 1.15 * report["lower_bound"]
