@@ -127,8 +127,9 @@ def _histograms(frames: Mapping[str, Any], path: Path) -> None:
 def _page(result: Mapping[str, Any], folder: Path, pictures: Sequence[str]) -> None:
     body = [
         "<h1>Camera position over long paths, landmark seen now and then (bell2019, section 4.6)</h1>",
-        f"<p>Means over {result['seeds']} runs of about 570 s and 256 m; input: {result['input']}. Published is one "
-        "run of a robot; its odometry's errors are not known, so that its figures stand beside every case.</p>",
+        f"<p>Means over {result['seeds']} runs of {result['config']['world']['loops']} loops of 42.6 m; input: "
+        f"{result['input']}. Published is one run of a robot over about 250 m; "
+        "its odometry's errors are not known, so that its figures stand beside every case.</p>",
     ]
     for case, by_gate in result["cases"].items():
         for gate, part in by_gate.items():
@@ -164,6 +165,9 @@ def _section(title: str, part: Mapping[str, Any], published: Mapping[str, Any]) 
     frames = [
         (words, part["key_frames"][key], published["key_frames"].get(key)) for key, words in names.items()
     ]
+    off = part["key_frames"]["off_view"]
+    frames.append(("features out of view that were predicted", off["count"], None))
+    frames.append(("of these beyond the sound bound", off["broken"], None))
     head = ["", "RMS, m", "95 % interval", "after the first loop, m", "mean of the loops' largest, m"]
     return [
         f"<h2>{title}</h2>",
