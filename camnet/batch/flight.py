@@ -34,6 +34,7 @@ from camnet.batch.lane_layout import (
 from camnet.batch.lane_references import ask_lanes, follow_lanes
 from camnet.batch.lanes import carry_cameras, fly_lanes, note_joints
 from camnet.batch.network import Model
+from camnet.batch.own_pose import believe, turn_back
 from camnet.batch.random import normal
 from camnet.batch.reference import position_step
 from camnet.batch.state import State
@@ -161,7 +162,14 @@ def fly_agents(model: Model, state: State, block: IntArray) -> None:
     lanes, count = state.lanes, block.shape[0]
     if model.gust_std > 0.0:
         _blow_all(model, state, block)
+    lost = model.own_numbers.shape[0] > 0
+    if lost:
+        for k in range(count):
+            believe(model, state, k, block[k])
     ask_lanes(lanes, count, model.gains, model.switching)
+    if lost:
+        for k in range(count):
+            turn_back(model, state, k, block[k])
     wild = fly_lanes(lanes, count, model.periods, model.constants)
     carry_cameras(lanes, count, model.offset)
     if wild > 0:

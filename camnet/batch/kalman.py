@@ -102,7 +102,7 @@ def update(kalman: Kalman, model: Model, state: State, e: int, m: int, t_s: floa
         )
     if z[7] >= 0.0:
         row[13], row[14], row[15] = 1.0, t_s, z[7]
-    row[16] = 3.0 * math.sqrt(kalman.cov_p[e, m, 0, 0])
+    row[16] = 3.0 * math.sqrt(kalman.cov_p[e, m, 0, 0]) + state.own_m[e, m]
 
 
 @inner_owner

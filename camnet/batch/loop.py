@@ -25,6 +25,7 @@ from camnet.batch.lane_touches import may_touch, note_places
 from camnet.batch.motion import step_target
 from camnet.batch.network import CYLINDER, Model
 from camnet.batch.observe import observe
+from camnet.batch.own_pose import step_own
 from camnet.batch.sense import sense
 from camnet.batch.state import COUNT, CYCLE, RETURN, State
 from camnet.batch.target_lanes import in_lanes, step_loops
@@ -56,7 +57,7 @@ def _start_references(state: State, e: int) -> None:
 @inner
 def _goal(model: Model, n: int, p: Triple) -> Triple:
     """Nearest point at least the margin inside region ``n``."""
-    margin, low, high = model.margin, model.boxes[n, 0], model.boxes[n, 1]
+    margin, low, high = model.margin, model.flight[n, 0], model.flight[n, 1]
     x, y = p[0], p[1]
     z = min(max(p[2], low[2] + margin), high[2] - margin)
     if model.kind[n] == CYLINDER:
@@ -119,6 +120,9 @@ def _fly_once(model: Model, state: State, block: IntArray) -> None:
     _step_targets(model, state, block)
     if state.bodies.shape[1] > 0:
         fly_agents(model, state, block)
+        if model.own_numbers.shape[0] > 0:
+            for k in range(block.shape[0]):
+                step_own(model, state, k, block[k], (state.clock[block[k], COUNT] + 1.0) * model.dt_s)
         note_places(state.lanes, block.shape[0])
     for k in range(block.shape[0]):
         _end_period(model, state, k, block[k])

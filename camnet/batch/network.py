@@ -17,6 +17,7 @@ from camnet.control.quadrotor_kernel import pack_model
 from camnet.control.references import RegionBounds
 from camnet.control.sliding_mode_kernel import SWITCHING_CODE
 from camnet.errors import ConfigError
+from camnet.estimation.own_pose.sources import pack_sources
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.pinned import Pins
 from camnet.geometry.polytope import PolytopeRegion
@@ -73,6 +74,10 @@ class Model(NamedTuple):
     guard : (2,) range from the start and speed at which a body counts as diverged
     every_entry, cameras_on : whether every entry into a region is a handoff; whether cameras see at all
     in_world : whether actions are setpoints, m and rad, not shares in [-1, 1]
+    flight : (N, 2, 3) boxes that references stay in
+    own_numbers, own_outages : pose sources of the A agents that may lose their pose, as in
+        `camnet.estimation.own_pose.sources`
+    own_index : (C,) which of them a camera's is (-1: none)
     """
 
     targets: Targets
@@ -136,6 +141,10 @@ class Model(NamedTuple):
     every_entry: bool
     cameras_on: bool
     in_world: bool
+    flight: Array
+    own_numbers: Array
+    own_index: IntArray
+    own_outages: Array
 
 
 #: networks at addresses
@@ -156,9 +165,11 @@ class Shown(NamedTuple):
     in_world: bool = False
     every_entry: bool = False
     cameras_on: bool = True
+    #: whoever steers does so by what agents believe of their poses, not by what is shown
+    by_believed: bool = False
 
 
-def _refuse(network: Network) -> None:
+def _refuse(network: Network, by_believed: bool) -> None:
     scenario = network.scenario
     if scenario.occluders and network.n_agents:
         names = ", ".join(o.name for o in scenario.occluders)
@@ -177,7 +188,9 @@ def _refuse(network: Network) -> None:
         raise ConfigError(
             f"sensing.latency_s = {scenario.sensing.latency_s}: the batch back end senses without latency (0)"
         )
-    if network.uncertain:
+    if by_believed and network.own_poses:
+        _refuse_beside_own_poses(network)
+    elif network.uncertain:
         raise ConfigError(
             f"world {scenario.name!r}: {network.uncertain}: agents of the batch back end know their poses and the "
             "targets' "
@@ -190,6 +203,20 @@ def _refuse(network: Network) -> None:
                 f"region {region.name!r} is a {type(region).__name__}: on the batch back end agents fly in "
                 "boxes and cylinders"
             )
+
+
+def _refuse_beside_own_poses(network: Network) -> None:
+    """Refuse what agents that dead-reckon on this back end cannot have."""
+    for j in network.own_poses:
+        if not isinstance(network.regions[j], BoxRegion):
+            raise ConfigError(
+                f"region {network.regions[j].name!r} of an agent that may lose its pose: on the batch back end it is "
+                "a box"
+            )
+    if network.exits or any(t.assumed_size is not None for t in network.scenario.targets):
+        raise ConfigError(
+            f"world {network.scenario.name!r}: exit budgets and targets of unknown size are not on the batch back end"
+        )
 
 
 def _ratio(what: str, fast: float, slow: float) -> int:
@@ -226,14 +253,21 @@ def pack_network(network: Network, shown: Shown) -> Model:
         It has something that the batch back end does not: occluders among agents, regions of agents that are neither
         boxes nor cylinders, latency, kinematic actuation.
     """
-    _refuse(network)
+    _refuse(network, shown.by_believed)
     s, d, n = network.scenario, network.description, network.n_agents
     controller, physics, wind = s.controller, s.physics, s.physics.wind
     yaw = np.array([a.start_yaw_rad for a in d.agents])
     offset = np.array(physics.gimbal.offset_m)
     start_p = np.array([a.start_p_world for a in d.agents], dtype=float).reshape(n, 3)
     start_p = start_p - rotate(from_yaw(yaw).reshape(n, 4), np.broadcast_to(offset, (n, 3)))
-    planes, plane_ends, discs = _planes(network.regions)
+    flown = (*network.flight_regions, *network.regions[n:])
+    planes, plane_ends, discs = _planes(flown)
+    lost = sorted(network.own_poses)
+    own_numbers, own_outages = pack_sources(
+        [network.own_poses[j] for j in lost], d.substeps / physics.step_hz
+    )
+    own_index = np.full(len(network.cameras), -1, dtype=np.int64)
+    own_index[lost] = np.arange(len(lost))
     triangles, triangle_ends = _surfaces(network.regions)
     solids = Solids.of([part for occluder in network.occluders for part in convex_solids(occluder)])
     frusta = Frustum.stack([Frustum.from_camera(camera) for camera in network.cameras])
@@ -328,4 +362,8 @@ def pack_network(network: Network, shown: Shown) -> Model:
         every_entry=shown.every_entry,
         cameras_on=shown.cameras_on,
         in_world=shown.in_world,
+        flight=np.stack([region.bounds for region in flown])[:n].reshape(n, 2, 3),
+        own_numbers=own_numbers,
+        own_index=own_index,
+        own_outages=own_outages,
     )

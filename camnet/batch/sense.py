@@ -14,6 +14,7 @@ import numpy as np
 
 from camnet.batch.compiled import inner, inner_owner
 from camnet.batch.network import CYLINDER, POLYTOPE, Model
+from camnet.batch.own_pose import as_believed, radius_of
 from camnet.batch.random import normals, uniform
 from camnet.batch.reference import clearance
 from camnet.batch.state import State
@@ -178,8 +179,10 @@ def _measure(model: Model, state: State, e: int, c: int, m: int, noise: Array, n
     seen = multiply(wobble, multiply(inverse, (t[e, m, 3], t[e, m, 4], t[e, m, 5], t[e, m, 6])))
     p, full = rotate(q, (x, y, z)), multiply(q, seen)
     norm = 1.0 / math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2 + full[3] ** 2)
+    base, p, full = as_believed(model, state, e, c, p, full)
+    state.own_m[e, m] = radius_of(model, state, e, c, p)
     for i in range(3):
-        state.measured[e, m, i] = cam[e, c, i] + p[i]
+        state.measured[e, m, i] = base[i] + p[i]
     for i in range(4):
         state.measured[e, m, 3 + i] = norm * full[i]
     state.measured[e, m, 7] = c

@@ -155,6 +155,11 @@ class BatchSimulation(ExactCopies):
             raise ConfigError(f"filter_name = {filter_name!r}: the batch back end has {', '.join(FILTERS)}")
         self.network, self.environments, self.filter_name = network, environments, filter_name
         self.model = pack_network(network, shown)
+        self._sources = [network.own_poses[j] for j in sorted(network.own_poses)]
+        if self._sources and filter_name != "ekf":
+            raise ConfigError(
+                f"filter_name = {filter_name!r}: where agents may lose their poses the batch back end has 'ekf'"
+            )
         self.threads = max(1, threads or len(os.sched_getaffinity(0)))
         make = self._maker(held, duration_s)
         sizes = _group_sizes(environments, self.threads)
@@ -219,9 +224,14 @@ class BatchSimulation(ExactCopies):
                 k = place[group.first + e]
                 laws = own if motions is None else motions[k]
                 wind = None if winds is None else winds[k]
-                restart(group.model, laws, group.state, e, seed_of[group.first + e], wind)
+                seed = seed_of[group.first + e]
+                restart(group.model, laws, group.state, e, seed, wind, self._sources)
                 group.estimators.reset(group.state, e)
             self._decide(group, rows, True, np.zeros((group.count, 0, 5)))
+            for a, j in enumerate(
+                sorted(self.network.own_poses)
+            ):  # references begin where agents believe to be
+                group.state.motion[rows, j, :2] = group.state.own_x[rows, a, :2]
 
         self._each(start)
 
@@ -284,6 +294,12 @@ class BatchSimulation(ExactCopies):
         """Figures of the episode so far of environment ``e``: those of `RunStatistics.episode`."""
         group = next(g for g in self.groups if g.first <= e < g.first + g.count)
         return episode_of(group.state, e - group.first)
+
+    def believed(self) -> Array:
+        """Where the agents' cameras are (E, N, 3), m, as their agents believe."""
+        p_world = self.gather("cameras")[:, : self.network.n_agents, :3].copy()
+        p_world[:, sorted(self.network.own_poses), :2] = self.gather("own_x")[..., :2]
+        return np.asarray(p_world)
 
     def clock(self, e: int) -> Array:
         """Counters (4,) of environment ``e``: control periods, decisions, next plan (s), return so far."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from camnet.batch.lane_layout import LANES, build_lanes, on_cache_lines
 from camnet.batch.network import Model
+from camnet.batch.own_pose import start_poses
 from camnet.batch.random import Streams, stream_of
 from camnet.batch.target_field import PACE
 from camnet.batch.target_lanes import ROWS
@@ -18,6 +19,7 @@ from camnet.control.trim import trimmed
 from camnet.geometry.pinned import Pins
 from camnet.geometry.rotations import rotate
 from camnet.motion.protocol import TargetMotion
+from camnet.sensing.own_pose_settings import PoseSource
 from camnet.types import Array, IntArray
 
 __all__ = ["DELAYS", "ESTIMATE", "STATES", "State", "allocate", "restart", "state_at"]
@@ -75,6 +77,7 @@ class State(NamedTuple):
     clock, count : (E, 4), (E, 22) counters
     lanes : workspaces (`camnet.batch.lane_layout`) of whichever environments fly
     chase : scratch of `camnet.batch.target_lanes`
+    own_x, own_cov, own_errors, own_truth, own_turn, own_m, own_streams : see `camnet.batch.own_pose`
     """
 
     bodies: Array
@@ -103,6 +106,13 @@ class State(NamedTuple):
     count: Array  # type: ignore[assignment] # hides the tuple's method, which nobody asks for
     lanes: Array
     chase: Array
+    own_x: Array
+    own_cov: Array
+    own_errors: Array
+    own_truth: Array
+    own_turn: Array
+    own_m: Array
+    own_streams: Streams
 
 
 #: states at addresses
@@ -114,7 +124,7 @@ state_at = STATES.of
 def allocate(model: Model, environments: int) -> State:
     """Room for so many environments, not started."""
     e, n, m = environments, len(model.start_p), len(model.speeds)
-    c = n + len(model.fixed)
+    c, a = n + len(model.fixed), len(model.own_numbers)
     return State(
         bodies=np.zeros((e, n, 13)),
         memory=np.zeros((e, n, 19)),
@@ -140,8 +150,15 @@ def allocate(model: Model, environments: int) -> State:
         touching=np.zeros((e, n, n + 1 + m), dtype=np.int64),
         clock=np.zeros((e, 4)),
         count=np.zeros((e, COUNTS)),
-        lanes=build_lanes(n, model.yaw, model.half_yaw, model.boxes, model.discs, model.wind),
+        lanes=build_lanes(n, model.yaw, model.half_yaw, model.flight, model.discs, model.wind),
         chase=on_cache_lines(np.zeros(ROWS * LANES)),
+        own_x=np.zeros((e, a, 9)),
+        own_cov=np.zeros((e, a, 9, 9)),
+        own_errors=np.zeros((e, a, 2)),
+        own_truth=np.zeros((e, a, 4)),
+        own_turn=np.zeros((e, a)),
+        own_m=np.zeros((e, m)),
+        own_streams=np.zeros((e, 4), dtype=np.uint64),
     )
 
 
@@ -152,13 +169,16 @@ def restart(
     e: int,
     seed: int,
     wind_mps: Array | None = None,
+    sources: Sequence[PoseSource] = (),
 ) -> None:
     """Put environment ``e`` at the start of the episode ``seed``: that of `NetworkSimulation.reset`.
 
     Everything is drawn from the same generators in the same order as there. ``motions`` are the network's, or others
-    of the same laws that begin and plan differently; ``wind_mps`` (3,) is another mean wind than the network's.
+    of the same laws that begin and plan differently; ``wind_mps`` (3,) is another mean wind than the network's;
+    ``sources`` are those of the agents that may lose their poses, in their order.
     """
-    world_rng, sensor_rng = (np.random.default_rng(c) for c in np.random.SeedSequence(seed).spawn(2))
+    children = np.random.SeedSequence(seed).spawn(3)
+    world_rng, sensor_rng, own_rng = (np.random.default_rng(c) for c in children)
     air_rng, *target_rngs = world_rng.spawn(1 + len(motions))
     for m, (motion, rng) in enumerate(zip(motions, target_rngs, strict=True)):
         s = motion.reset(rng)
@@ -175,6 +195,8 @@ def restart(
     for k, rng in enumerate((sensor_rng, air_rng, *target_rngs)):
         state.streams[first + k] = stream_of(rng)
     _start_agents(model, state, e)
+    if sources:
+        start_poses(sources, _poses(model, state, e), model.dt_s, state, e, own_rng)
     _start_books(state, e)
     state.working[e] = 1 if model.cameras_on else 0
 
@@ -198,6 +220,16 @@ def _start_agents(model: Model, state: State, e: int) -> None:
     state.cameras[e, n:, :7] = model.fixed
     state.motion[e] = 0.0
     state.setpoint[e] = 0.0
+
+
+def _poses(model: Model, state: State, e: int) -> Array:
+    """Return true x and y of the cameras and headings (A,3) of the agents that may lose their poses."""
+    chosen = np.flatnonzero(model.own_index >= 0)
+    q = state.bodies[e, chosen][:, [6, 3, 4, 5]]
+    p = state.bodies[e, chosen, :3] + rotate(q, np.broadcast_to(model.offset, (len(chosen), 3)))
+    w, x, y, z = q.T
+    heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.column_stack([p[:, :2], heading])
 
 
 def _start_books(state: State, e: int) -> None:
