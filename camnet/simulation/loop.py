@@ -26,7 +26,6 @@ from camnet.estimation.own_pose import ConsideredFilter
 from camnet.estimation.persistence import load_models
 from camnet.estimation.protocol import Rollout, TargetFilter
 from camnet.estimation.structure.moving.size_from_motion import SizeFromMotion
-from camnet.plugins import is_plugin
 from camnet.sensing.pose_sensor import PoseSensor
 from camnet.sensing.settings import SensingSettings
 from camnet.sensing.survey import Lookout, Survey, first_seers
@@ -35,12 +34,12 @@ from camnet.sensing.vision_sensor import build_sensor
 from camnet.simulation.certificates import network_certificates
 from camnet.simulation.entries import Entry, predict_entries
 from camnet.simulation.exits import ExitBudgets
-from camnet.simulation.filters import TargetTruth, build_filters
+from camnet.simulation.filters import TargetTruth
 from camnet.simulation.gaps import GapRecorder, miss
 from camnet.simulation.handoff import HandoffTracker
 from camnet.simulation.models import start_from
+from camnet.simulation.named_filters import named_filters
 from camnet.simulation.network import Network
-from camnet.simulation.outside_filters import plugin_filters
 from camnet.simulation.own_pose import own_poses
 from camnet.simulation.perception import Perceived, Perceiver
 from camnet.simulation.statistics import RunStatistics
@@ -172,26 +171,13 @@ class NetworkSimulation(ExactCopies):
         truths = [truth_of(self._record, self.world, m) for m in range(network.n_targets)]
         if name in self._makers:
             return list(self._makers[name](network, truths))
-        filters = plugin_filters(name, network) if is_plugin(name) else self._own_filters(name, truths)
+        filters = named_filters(name, network, truths)
         latency_s = scenario.sensing.latency_s
         if name == "oracle":  # it asks no measurement
             return filters
         if latency_s:
             filters = [DelayedFilter(f, latency_s) for f in filters]
         return [ConsideredFilter(f) for f in filters] if network.own_poses else filters
-
-    def _own_filters(self, name: str, truths: Sequence[TargetTruth]) -> list[TargetFilter]:
-        network, scenario = self.network, self.network.scenario
-        return build_filters(
-            name,
-            scenario.estimator,
-            network.basis,
-            len(network.regions),
-            scenario.sensing.rate_hz,
-            network.bounds,
-            truths,
-            scenario.roads,
-        )
 
     @property
     def believed_p_world(self) -> Array:

@@ -1,16 +1,38 @@
-"""Estimators of other packages, named ``module:attribute`` in ``run.estimators``."""
+"""Estimators by the names of ``run.estimators``: ours, and those of other packages, ``module:attribute``."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from camnet.errors import ConfigError
 from camnet.estimation.protocol import TargetFilter
-from camnet.plugins import load_plugin
+from camnet.plugins import is_plugin, load_plugin
+from camnet.simulation.filters import TargetTruth, build_filters
 from camnet.simulation.network import Network
 
-__all__ = ["plugin_filters"]
+__all__ = ["named_filters"]
+
+_PARTS = ("name", "estimate", "correct", "predict", "rollout", "diagnostics")
 
 
-def plugin_filters(name: str, network: Network) -> list[TargetFilter]:
+def named_filters(name: str, network: Network, truths: Sequence[TargetTruth]) -> list[TargetFilter]:
+    """Return one estimator for each target, in the targets' order (`camnet.simulation.filters.build_filters`)."""
+    if is_plugin(name):
+        return _plugin_filters(name, network)
+    scenario = network.scenario
+    return build_filters(
+        name,
+        scenario.estimator,
+        network.basis,
+        len(network.regions),
+        scenario.sensing.rate_hz,
+        network.bounds,
+        truths,
+        scenario.roads,
+    )
+
+
+def _plugin_filters(name: str, network: Network) -> list[TargetFilter]:
     """Return one estimator for each target; what ``name`` stands for is called with the network and the target's index.
 
     It is told no truth.
@@ -32,6 +54,3 @@ def plugin_filters(name: str, network: Network) -> list[TargetFilter]:
             )
         filters.append(made)
     return filters
-
-
-_PARTS = ("name", "estimate", "correct", "predict", "rollout", "diagnostics")
