@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from camnet import __version__
-from camnet.cli.common import add_common, add_seeds, named_seeds, progress_bar, say
+from camnet.cli.arguments import whole
+from camnet.cli.common import add_common, add_place, add_seeds, named_seeds, progress_bar, say
 from camnet.cli.output import output_folder, print_json, write_json
 from camnet.errors import ConfigError
 
@@ -20,8 +21,8 @@ __all__ = ["EXPERIMENTS", "Experiment", "add_parser"]
 class Experiment:
     """One experiment: where its ``run(seeds=, out_dir=, seed=, progress=[, data=])`` lives and what it shows.
 
-    ``takes_images``: its ``run`` has ``images=``, for rendered input. The module has ``print_table(result)`` too;
-    ``function`` names its ``run`` where that is something else.
+    ``takes_images``: its ``run`` has ``images=``, for rendered input; ``takes_place``: ``jobs=`` and ``place=``.
+    The module has ``print_table(result)`` too; ``function`` names its ``run`` where that is something else.
     """
 
     module: str
@@ -32,6 +33,7 @@ class Experiment:
     takes_data: bool = False
     one_run: bool = False
     takes_images: bool = False
+    takes_place: bool = False
 
 
 EXPERIMENTS = {
@@ -67,17 +69,20 @@ EXPERIMENTS = {
         "distances to a checkerboard's corners from a moving camera (bell2019, ch. 3)",
         15,
         takes_images=True,
+        takes_place=True,
     ),
     "key-frame-position": Experiment(
         "camnet.experiments.key_frame_position",
         "a camera's position over 250 m, a landmark once a loop (bell2019, ch. 4)",
         5,
         takes_images=True,
+        takes_place=True,
     ),
     "moving-target": Experiment(
         "camnet.experiments.moving_target",
         "a target of unknown size that moves, seen now and then (bell2019, ch. 5)",
         6,
+        takes_place=True,
     ),
     "gps-denied": Experiment(
         "camnet.experiments.gps_denied",
@@ -130,6 +135,13 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "--images", action="store_true", help="rendered images as input, where an experiment has them"
     )
+    parser.add_argument(
+        "--jobs",
+        type=whole(1, 256),
+        metavar="N",
+        help="workers, where an experiment's runs can be shared (default: 2)",
+    )
+    add_place(parser)
     add_common(parser, "runs/reproduce-EXPERIMENT, or a number after it if that is taken")
     parser.set_defaults(run=run)
 
@@ -150,6 +162,7 @@ def run(args: argparse.Namespace) -> int:
         if not experiment.takes_images:
             raise ConfigError(f"--images: {args.experiment} has no rendered input; leave it out")
         options["images"] = True
+    options |= _place(args, experiment)
     module = importlib.import_module(experiment.module)
     with output_folder(args, "reproduce", f"reproduce-{args.experiment}") as output:
         assert output is not None  # it has a default name
@@ -163,6 +176,18 @@ def run(args: argparse.Namespace) -> int:
         module.print_table(result)
     say(f"wrote {output.folder}")
     return 0
+
+
+def _place(args: argparse.Namespace, experiment: Experiment) -> dict[str, Any]:
+    """Return who does the runs, where that can be said."""
+    if experiment.takes_place:
+        return {"jobs": args.jobs or 2, "place": args.on}
+    able = ", ".join(name for name, one in EXPERIMENTS.items() if one.takes_place)
+    if args.on.ray:
+        raise ConfigError(f"--on ray: {args.experiment} is done on this machine; shared can be {able}")
+    if args.jobs is not None:
+        raise ConfigError(f"--jobs {args.jobs}: {args.experiment} has no such choice; shared can be {able}")
+    return {}
 
 
 def _seeds(args: argparse.Namespace, experiment: Experiment) -> dict[str, int]:

@@ -24,6 +24,7 @@ from camnet.experiments.distance_observers_images import board_tracks
 from camnet.experiments.distance_observers_run import PARTS, ROWS, RunResult, run_scene
 from camnet.experiments.distance_observers_scene import BoardScene, SetUp, make_scene
 from camnet.experiments.kept_runs import KeptRuns
+from camnet.processes.place import LOCAL, Place
 from camnet.report.structure import write_distance_observers
 
 __all__ = ["EXPERIMENT", "PUBLISHED", "print_table", "run"]
@@ -48,11 +49,13 @@ def run(
     progress: Callable[[float], None] | None = None,
     setup: SetUp | None = None,
     images: bool = False,
+    jobs: int = 2,
+    place: Place = LOCAL,
 ) -> dict[str, Any]:
     """Run the experiment for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
 
     With ``images`` the corners come from rendered images instead of projections with noise. Runs are kept beside
-    ``out_dir`` (`kept_runs`).
+    ``out_dir`` (`kept_runs`); ``jobs`` workers of ``place`` do them.
 
     Raises
     ------
@@ -62,9 +65,9 @@ def run(
     if seeds < 1:
         raise ConfigError(f"seeds: {seeds!r} is not a number of runs; give at least 1")
     setup = setup or SetUp()
-    jobs = [(seed + k, images) for k in range(seeds)]
+    tasks = [(seed + k, images) for k in range(seeds)]
     runs = KeptRuns(EXPERIMENT, setup, _one, [RunResult])
-    results = runs.results(jobs, _name, out_dir, progress)
+    results = runs.results(tasks, _name, out_dir, progress, jobs, place)
     content = {**_summary(setup, results), "input": "rendered images" if images else "simulated tracks"}
     if out_dir is not None:
         write_distance_observers(results, content, Path(out_dir))

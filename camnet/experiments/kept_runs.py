@@ -1,4 +1,4 @@
-"""Single runs of an experiment: in two processes, kept on disk as they finish.
+"""Single runs of an experiment: in two processes or on a cluster, kept on disk as they finish.
 
 A run's result is a file in ``.EXPERIMENT-runs`` beside the output folder; the name of the file's folder is a digest of
 the settings and of the package's sources. So an experiment that was stopped goes on where it was, more seeds add to
@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 import camnet
 from camnet.errors import DataError
-from camnet.processes import Workers
+from camnet.processes.place import LOCAL, Place
 from camnet.settings import Settings
 from camnet.storage.archive import read_archive, write_archive
 from camnet.storage.plain import from_plain, to_plain
@@ -66,6 +66,7 @@ class KeptRuns(Generic[_Job, _Result]):
         out_dir: Path | str | None,
         progress: Callable[[float], None] | None = None,
         workers: int = _WORKERS,
+        place: Place = LOCAL,
     ) -> list[_Result]:
         """Results in the order of the jobs.
 
@@ -76,6 +77,7 @@ class KeptRuns(Generic[_Job, _Result]):
         out_dir : folder of the experiment, beside which results are kept; None: they are not kept
         progress : told the share of the jobs that is done
         workers : processes at most
+        place : where the jobs are done; results are kept by this machine
         """
         folder = None
         if out_dir is not None:
@@ -91,7 +93,7 @@ class KeptRuns(Generic[_Job, _Result]):
             _LOG.info("%s: %d of %d runs are there already", self._experiment, len(done), len(jobs))
         if progress is not None and jobs:
             progress(len(done) / len(jobs))
-        with Workers(workers) as pool:
+        with place.workers(workers) as pool:
             for i, result in pool.finished(partial(self._function, self._settings), [jobs[k] for k in left]):
                 done[left[i]] = result
                 if folder is not None:

@@ -28,6 +28,7 @@ from camnet.experiments.key_frame_position_run import ROWS, KeyFrameSummary, Pos
 from camnet.experiments.key_frame_setup import CASES, SetUp, make_scene
 from camnet.experiments.key_frame_tracks import SimulatedKeyFrames, TrackedKeyFrame
 from camnet.geometry.pinhole import Pinhole
+from camnet.processes.place import LOCAL, Place
 from camnet.report.key_frame_position import write_key_frame_position
 
 __all__ = ["EXPERIMENT", "PUBLISHED", "print_table", "run"]
@@ -64,11 +65,14 @@ def run(
     progress: Callable[[float], None] | None = None,
     setup: SetUp | None = None,
     images: bool = False,
+    jobs: int = 2,
+    place: Place = LOCAL,
 ) -> dict[str, Any]:
     """Run every case for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
 
     With ``images`` corners are found and followed in rendered images of two loops (`key_frame_images`), without map
-    reuse: nothing recognises a place in them. Runs are kept beside ``out_dir`` (`kept_runs`).
+    reuse: nothing recognises a place in them. Runs are kept beside ``out_dir`` (`kept_runs`); ``jobs`` workers of
+    ``place`` do them.
 
     Raises
     ------
@@ -80,12 +84,12 @@ def run(
     setup = setup or (image_setup(SetUp()) if images else SetUp())
     numbers = range(seed, seed + seeds)
     drawn = _drawn(setup, numbers, out_dir, progress) if images else {}
-    jobs = [_Job(case, number, drawn.get(number)) for case in CASES for number in numbers]
+    tasks = [_Job(case, number, drawn.get(number)) for case in CASES for number in numbers]
     runs = KeptRuns(EXPERIMENT, setup, _one, [PositionRun, KeyFrameSummary, FilterRun])
     share = _DRAWING if images else 0.0
-    found = runs.results(jobs, _name, out_dir, _part(progress, share, 1.0))
+    found = runs.results(tasks, _name, out_dir, _part(progress, share, 1.0), jobs, place)
     results: dict[str, dict[str, list[PositionRun]]] = {case: {} for case in CASES}
-    for job, by_gate in zip(jobs, found, strict=True):
+    for job, by_gate in zip(tasks, found, strict=True):
         for gate, one in by_gate.items():
             results[job.case].setdefault(gate, []).append(one)
     content = {

@@ -21,6 +21,7 @@ from camnet.experiments.moving_target_scale import NeverAtRest, at_rest, never_a
 from camnet.experiments.moving_target_scene import MovingSetUp, Way, make_moving_scene
 from camnet.experiments.moving_target_seen import SeenErrors, seen_errors
 from camnet.experiments.moving_target_summary import SPANS_S, OneRun, ScaleRun, summarise
+from camnet.processes.place import LOCAL, Place
 from camnet.report.moving_target import write_moving_target
 
 __all__ = ["EXPERIMENT", "print_table", "run"]
@@ -37,10 +38,12 @@ def run(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
     setup: MovingSetUp | None = None,
+    jobs: int = 2,
+    place: Place = LOCAL,
 ) -> dict[str, Any]:
     """Run the experiment for ``seeds`` seeds from ``seed`` on; with ``out_dir`` also write figures and a page there.
 
-    Runs are kept beside ``out_dir`` (`kept_runs`).
+    Runs are kept beside ``out_dir`` (`kept_runs`); ``jobs`` workers of ``place`` do them.
 
     Raises
     ------
@@ -54,7 +57,7 @@ def run(
     ways = [_Job(number, noise, way) for number in numbers for noise in setup.noises_px for way in _WAYS]
     scales = [_Job(seed + k, noise, None) for k in range(setup.scale_seeds) for noise in setup.noises_px]
     kept = KeptRuns(EXPERIMENT, setup, _one, [OneRun, SeenErrors, Gap, ScaleRun, NeverAtRest])
-    found = kept.results([*ways, *scales], _name, out_dir, progress)
+    found = kept.results([*ways, *scales], _name, out_dir, progress, jobs, place)
     runs: list[OneRun] = [r for r in found if isinstance(r, OneRun)]
     still = never_at_rest(setup, setup.noises_px[0], SPANS_S, seed, still=True)
     content = {

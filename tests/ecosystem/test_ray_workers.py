@@ -10,12 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("ray")
 
 from camnet.cli.main import main
 from camnet.errors import WorkerError
+from camnet.estimation.settings import EkfSettings
+from camnet.experiments.kept_runs import KeptRuns
 from camnet.processes.place import read_place
 
 _RAY = ("--on", "ray", "--jobs", "2")
@@ -65,6 +68,20 @@ def test_attacks_are_those_of_this_process(
 ) -> None:
     here, there = _local(tmp_path, capsys, "falsify", *options)
     assert here == there
+
+
+def test_runs_of_an_experiment_are_those_of_a_local_pool_and_are_kept(tmp_path: Path) -> None:
+    def drawn(settings: EkfSettings, job: int) -> float:
+        return float(np.random.default_rng(job).normal())
+
+    kept: KeptRuns[int, float] = KeptRuns("trial", EkfSettings(), drawn, [])
+    found = [
+        kept.results(range(6), "job-{}".format, tmp_path / name / "out", None, 2, place)
+        for name, place in (("ray", read_place("ray")), ("ray", read_place("local")))
+    ]
+    here = [float(np.random.default_rng(job).normal()) for job in range(6)]
+    assert found == [here, here]  # the second finds all there
+    assert len(list((tmp_path / "ray").glob(".trial-runs/*/job-*.npz"))) == 6
 
 
 def test_a_killed_worker_is_replaced_and_its_task_done_again(tmp_path: Path) -> None:
