@@ -1,16 +1,19 @@
 r"""The fewest cameras that certify a road network, with a lower bound (the smallest repairs: ``repairs``).
 
 Placement is a hitting-set problem: every unseen way longer than the limit L must be broken by a camera that sees a
-stretch of it. There are too many ways to list, so they are added as they are found (``way_search``), in three stages:
+stretch of it. There are too many ways to list, so they are added as they are found (``way_search``), in four stages:
 
 1. greedy: the least-cost choice for the ways known so far, more ways where the certifier finds unseen ones longer than
    L, until it finds none: a certified set;
-2. neighbourhoods: all cameras of one neighbourhood are chosen anew by an integer programme, the others stay; kept where
-   it costs less and is certified;
-3. bound: the integer programme over all ways known so far (HiGHS through scipy). It has only some constraints of the
-   whole problem, so its bound is a lower bound of the optimum; where its solution is certified, it is the optimum.
+2. search: a local search (``hitting_search``) looks for a cheaper set for the ways known so far; where the certifier
+   finds unseen ones, they are added, else the set is the best one;
+3. bound: the linear programme over all ways, found as it breaks them, with what closed walks need (``closed_walks``);
+4. proof: the integer programme (HiGHS through scipy) over ways and closed walks known so far. It has only some
+   constraints of the whole problem, so its bound is a lower bound of the optimum; where its solution is certified, it
+   is the optimum or at least a candidate for the best one.
 
-Above ``exact_limit`` candidates the bound is that of the linear programme.
+Effort is counted (``effort``), so that the answer depends neither on the machine nor on what else it does. Above
+``exact_limit`` candidates the fourth stage is left out.
 """
 
 from __future__ import annotations
@@ -22,8 +25,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camnet.certification.closed_walks import LONGEST, WalkSearch
 from camnet.certification.coverage import Coverage
-from camnet.certification.hitting_set import HittingSet
+from camnet.certification.hitting_set import HittingSet, Inequality
 from camnet.certification.repairs import Repair, smallest_repairs
 from camnet.certification.road_arcs import RoadArcs
 from camnet.certification.way_search import Way, WaySearch, usable_coverage
@@ -32,14 +36,20 @@ from camnet.types import Array, IntArray
 
 __all__ = ["Placement", "Repair", "place_cameras", "smallest_repairs", "usable_coverage"]
 
-#: share of the time limit for the second stage, and of the candidates that one neighbourhood holds
-_IMPROVE_SHARE, _NEIGHBOURS = 0.45, 0.25
-#: fewest candidates of a neighbourhood, most candidates, and the longest time for it, s
-_LEAST_NEIGHBOURS, _MOST_NEIGHBOURS, _NEIGHBOURHOOD_S = 20, 200, 5.0
-#: longest time for a choice where the greedy one gets stuck, s
-_STUCK_S = 30.0
-#: neighbourhoods in a row without a gain after which the second stage ends
-_PATIENCE = 40
+#: with effort 1: entries that the local search looks at, at most in one go, and nodes of integer programmes
+_VISITS, _VISITS_AT_ONCE, _NODES = 600_000_000, 10_000_000, 60
+#: rounds of the linear programme, rows added in one, and places where ways that are too long may begin
+_ROUNDS, _ROWS_AT_ONCE, _STARTS = 40, 1000, 6000
+#: inequalities of closed walks added in one round
+_WALKS_AT_ONCE = 300
+#: longer closed walks are looked for when the bound grows by less than this share
+_LEAST_GAIN = 5e-4
+#: up to so many candidates the search begins with a row for each place where a way that is too long may begin
+_FEW_CANDIDATES = 5000
+#: nodes of the integer programme where the greedy choice gets stuck, and how many more in all where numbers are bounded
+_STUCK_NODES, _BOUNDED = 200, 10
+#: closed walks are looked for once fewer than this share of the rows is new
+_FEW_ROWS = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +106,8 @@ def place_cameras(
     survive: int = 0,
     at_most: Sequence[tuple[IntArray, int]] = (),
     exact_limit: int = 3000,
-    time_limit_s: float = 60.0,
+    effort: float = 1.0,
+    time_limit_s: float = math.inf,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Placement:
@@ -114,9 +125,11 @@ def place_cameras(
         too long needs so many cameras more
     at_most : sets of candidates of which so many may be chosen at most: positions of one camera
     exact_limit : lower bound by integer programming up to this many candidates, by linear programming beyond
-    time_limit_s : processor time for improvement and bound; a first certified set is found whatever it takes
-    seed : of the neighbourhoods' order
-    progress : called with the share of the time that is spent
+    effort : of search, bound and proof, counted in steps
+    time_limit_s : processor time after which they end early; a first certified set is found whatever it takes. With a
+        limit the answer depends on the machine
+    seed : of the local search
+    progress : called with the share of the effort that is spent
 
     Raises
     ------
@@ -125,19 +138,17 @@ def place_cameras(
     """
     weight = np.ones(n_candidates) if costs is None else np.asarray(costs, dtype=float)
     search = _Search(
-        roads,
-        usable_coverage(roads, candidates, least_view_m),
-        weight,
-        limit_m,
-        standing,
-        survive,
-        at_most,
-        progress,
-    )
+        roads, usable_coverage(roads, candidates, least_view_m), weight, limit_m, standing, survive, at_most, progress,
+        time_limit_s,
+    )  # fmt: skip
     search.check(n_candidates)
     search.first()
-    search.improve(_IMPROVE_SHARE * time_limit_s, np.random.default_rng(seed))
-    search.bound(time_limit_s, exact=n_candidates <= exact_limit)
+    rng = np.random.default_rng(seed)
+    search.improve(0.2 * effort, rng)
+    search.bound(effort)
+    search.improve(0.8 * effort, rng)
+    if n_candidates <= exact_limit:
+        search.prove(effort)
     cost = float(weight[search.best].sum())
     return Placement(
         chosen=search.best,
@@ -164,36 +175,42 @@ class _Search:
         survive: int,
         at_most: Sequence[tuple[IntArray, int]],
         progress: Callable[[float], None] | None,
+        time_limit_s: float,
     ) -> None:
-        self._begun = time.process_time()
-        self._usable, self._weight, self._progress = usable, weight, progress
-        self._search = WaySearch(roads, usable, limit_m, standing)
+        self._begun, self._ends = time.process_time(), time_limit_s
+        self._weight, self._progress = weight, progress
+        self._search = WaySearch(roads, usable, len(weight), limit_m, standing)
         self._survive = survive
         self._whole_costs = bool(np.allclose(weight, np.round(weight)))
-        self.problem = HittingSet(weight, at_most)
+        #: a cheaper set costs at least this much less
+        self._step = 1.0 if self._whole_costs else 1e-6 * float(weight.max(initial=1.0))
+        self.problem, self._bounded = HittingSet(weight, at_most), bool(at_most)
         self.best: IntArray = np.array([], dtype=np.int64)
         self.lower, self.rounds = 0.0, 0
-        self._places = np.full((len(weight), 2), np.inf)
-        for row in range(len(usable.arc) - 1, -1, -1):
-            middle = 0.5 * (float(usable.start_m[row]) + float(usable.end_m[row]))
-            self._places[usable.camera[row]] = roads.position(int(usable.arc[row]), middle)
 
     def spent(self) -> float:
-        """Return the processor time since the beginning, s: a busy machine gets the same answer later."""
+        """Return the processor time since the beginning, s."""
         return time.process_time() - self._begun
+
+    def _done(self) -> bool:
+        """Whether the best set is known to be the cheapest, or the time is over."""
+        return self._cost(self.best) <= self.lower + 1e-6 or self.spent() >= self._ends
 
     def _cost(self, chosen: IntArray) -> float:
         return float(self._weight[chosen].sum())
 
     def _learn(self, ways: list[Way]) -> None:
         for way in ways:
-            on = self._search.cameras_on(way)
-            free = on.difference(self._search.standing.tolist())
-            need = self._survive + 1 - len(on) + len(free)
-            if len(free) < need:
-                raise CertificateError(_too_few(way, self._search.limit_m, len(on), self._survive))
-            self.problem.add([free], need)
+            self._add(self._search.cameras_on(way), way)
         self.rounds += 1
+
+    def _add(self, on: set[int], way: Way) -> int:
+        """Add the candidates that see a way that is too long as a row; returns whether it is new."""
+        free = on.difference(self._search.standing.tolist())
+        need = self._survive + 1 - len(on) + len(free)
+        if len(free) < need:
+            raise CertificateError(_too_few(way, self._search.limit_m, len(on), self._survive))
+        return self.problem.add([free], need) if need > 0 else 0
 
     def check(self, n: int) -> None:
         """Refuse a problem that all candidates together do not solve."""
@@ -208,6 +225,8 @@ class _Search:
 
     def first(self) -> None:
         """Find a certified set."""
+        if len(self._weight) <= _FEW_CANDIDATES:
+            self._broken(np.zeros(len(self._weight)))
         self.best = self._repaired(self.best)
 
     def _repaired(self, chosen: IntArray) -> IntArray:
@@ -226,68 +245,90 @@ class _Search:
         try:
             return self.problem.greedy(chosen.tolist())
         except ValueError:
-            found = self.problem.exact(_STUCK_S, 0.05)
+            found, _, _ = self.problem.exact(_STUCK_NODES, math.inf)
         if found is None:
             raise CertificateError(
                 "no choice was found that keeps the limit, as each camera that stands can be at one place, in one "
                 "direction, alone: allow more out of view, or more mounts and cameras in the catalogue"
             )
-        return found[0]
+        return found
 
-    def improve(self, until_s: float, rng: np.random.Generator) -> None:
-        """Choose the cameras of neighbourhoods anew as long as that helps."""
-        n = len(self._weight)
-        size = min(n, max(_LEAST_NEIGHBOURS, min(_MOST_NEIGHBOURS, round(_NEIGHBOURS * n))))
-        idle = 0
-        while idle < (_PATIENCE if size < n else 1) and len(self.best) and self.spent() < until_s:
-            idle += 1
-            about = self._places[rng.choice(self.best)]
-            near = np.argsort(np.linalg.norm(self._places - about, axis=1), kind="stable")[:size]
-            if self._renew(np.sort(near)):
-                idle = 0
-            self._tell(until_s)
-
-    def _renew(self, free: IntArray) -> bool:
-        """Choose among ``free`` anew, the other chosen ones kept; whether a cheaper certified set was found."""
-        kept = np.setdiff1d(self.best, free)
-        worth = self._cost(np.intersect1d(self.best, free))
-        while True:
-            found = self.problem.exact(_NEIGHBOURHOOD_S, 0.0, free, kept)
-            if found is None or self._cost(found[0]) > worth - 1e-9:
-                return False
-            chosen = np.sort(np.concatenate([kept, found[0]]))
-            ways = self._search.violations(chosen, self._survive)
-            if not ways:
-                self.best = chosen
-                return True
-            self._learn(ways)
-
-    def bound(self, until_s: float, exact: bool) -> None:
-        """Raise the lower bound until it meets the cost, or the time is over."""
-        if not self.problem.rows:
+    def improve(self, effort: float, rng: np.random.Generator) -> None:
+        """Look for cheaper certified sets; not where numbers are bounded (``at_most``): integer programmes do there."""
+        if self._bounded:
             return
-        self._raise(self.problem.relaxed()[1])
-        while exact and self._cost(self.best) > self.lower + 1e-6 and self.spent() < until_s:
-            found = self.problem.exact(max(1.0, until_s - self.spent()), 0.0)
-            if found is None:
+        left = effort * _VISITS
+        chosen = np.zeros(len(self._weight), dtype=np.bool_)
+        chosen[self.best] = True
+        while left > 0 and self.problem.rows and not self._done():
+            budget = self._cost(self.best) - self._step
+            found, visits = self.problem.within(budget, chosen, int(min(left, _VISITS_AT_ONCE)), rng)
+            left -= visits
+            if found:
+                ways = self._search.violations(np.flatnonzero(chosen), self._survive)
+                if ways:
+                    self._learn(ways)
+                else:
+                    self.best = np.flatnonzero(chosen)
+            self._tell(1.0 - left / (effort * _VISITS))
+
+    def bound(self, effort: float) -> None:
+        """Raise the lower bound by the linear programme over ways and closed walks."""
+        if not self.problem.rows or self._done():
+            return
+        walks, level = WalkSearch(self._search, self._survive), 0
+        x, value = self.problem.relaxed()
+        for _ in range(round(_ROUNDS * effort)):
+            self._raise(value)
+            if self._done():
                 return
-            chosen, bound = found
-            self._raise(bound)
+            rows, before = self._broken(x), value
+            found: list[Inequality] = []
+            if rows < _FEW_ROWS * len(self.problem.rows):
+                while level < len(LONGEST) and not (found := walks.broken(x, LONGEST[level], _WALKS_AT_ONCE)):
+                    level += 1
+            if not rows and not found:
+                return
+            self.problem.forget_loose(x)
+            self.problem.inequalities += found
+            x, value = self.problem.relaxed()
+            if found and value < before * (1.0 + _LEAST_GAIN):
+                level += 1
+        self._raise(value)
+
+    def _broken(self, x: Array) -> int:
+        """Add ways whose cameras have less than a share of 1 in all; returns how many rows are new."""
+        seeing = x + 1e-6
+        seeing[self._search.standing] = 1.0
+        if self._survive:
+            return 0
+        light = sorted(self._search.light_rows(seeing, 0.999, _STARTS), key=lambda of: of[0])
+        return sum(self._add(on, ()) for _, on in light[:_ROWS_AT_ONCE])
+
+    def prove(self, effort: float) -> None:
+        """Raise the lower bound by integer programmes until it meets the cost."""
+        nodes = round(_NODES * effort * (_BOUNDED if self._bounded else 1))
+        left = nodes
+        while self.problem.rows and left > 0 and not self._done():
+            chosen, bound, nodes = self.problem.exact(left, self._ends - self.spent())
+            left -= nodes
+            self._raise(min(bound, self._cost(self.best)))
+            if chosen is None:
+                return
             ways = self._search.violations(chosen, self._survive)
-            if not ways and self._cost(chosen) < self._cost(self.best) - 1e-9:
+            if ways:
+                self._learn(ways)
+                chosen = self._repaired(chosen)
+            if self._cost(chosen) < self._cost(self.best) - 1e-9:
                 self.best = chosen
-            elif ways:
-                repaired = self._repaired(chosen)
-                if self._cost(repaired) < self._cost(self.best) - 1e-9:
-                    self.best = repaired
-            self._tell(until_s)
+            self._tell(1.0 - left / nodes)
 
     def _raise(self, bound: float) -> None:
         self.lower = max(self.lower, math.ceil(bound - 1e-6) if self._whole_costs else bound)
 
-    def _tell(self, until_s: float) -> None:
+    def _tell(self, share: float) -> None:
         if self._progress is not None:
-            self._progress(min(1.0, self.spent() / until_s))
+            self._progress(min(1.0, share))
 
 
 def _too_few(way: Way, limit_m: float, candidates: int, survive: int) -> str:

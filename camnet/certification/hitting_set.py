@@ -3,7 +3,8 @@ r"""Hitting sets of least cost whose rows come one after another: min w^T x, sum
 ``relaxed`` (linear programme) and ``exact`` (integer programme, HiGHS) return lower bounds of the cost of any set that
 hits all rows, so of any set that hits further rows as well. ``greedy`` adds the candidate that hits most open rows for
 its cost, and then drops what is not needed. ``at_most`` bounds how many of some candidates are chosen: a camera that
-stands can be turned one way or another, not both; the greedy choice may then find no set where one exists.
+stands can be turned one way or another, not both; the greedy choice may then find no set where one exists. ``within``
+looks for a set that costs a budget at most, without such bounds (``hitting_search``).
 """
 
 from __future__ import annotations
@@ -12,11 +13,19 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
-from camnet.types import Array, IntArray
+from camnet.certification.hitting_search import search_hitting_set
+from camnet.types import Array, BoolArray, IntArray
 
-__all__ = ["HittingSet"]
+__all__ = ["HittingSet", "Inequality"]
+
+#: columns, their numbers, least sum
+Inequality = tuple[IntArray, Array, float]
+#: looser than this, an inequality is forgotten: it can be found again
+_LOOSE = 0.3
+#: random numbers for one search
+_DRAWS = 4096
 
 
 class HittingSet:
@@ -25,17 +34,24 @@ class HittingSet:
     Attributes
     ----------
     rows : sets of candidates, in the order in which they came, and how many of each must be chosen
+    inequalities : further ones that every answer keeps; they only make bounds sharper
     """
 
     def __init__(self, cost: Array, at_most: Sequence[tuple[IntArray, int]] = ()) -> None:
         self._cost = np.asarray(cost, dtype=float)
-        self.rows: dict[tuple[int, ...], int] = {}
         self._most = np.array([bound for _, bound in at_most], dtype=float)
         ptr = np.cumsum([0, *(len(members) for members, _ in at_most)])
         columns = np.concatenate([np.zeros(0, dtype=np.int64), *(members for members, _ in at_most)])
         self._groups = csr_matrix(
             (np.ones(len(columns)), columns, ptr), shape=(len(at_most), len(self._cost))
         )
+        self.rows: dict[tuple[int, ...], int] = {}
+        self.inequalities: list[Inequality] = []
+        n = len(self._cost)
+        self._weight: dict[tuple[int, ...], float] = {}
+        self._stamp = np.zeros(n, dtype=np.int64)
+        self._free = np.ones(n, dtype=np.bool_)
+        self._kept: tuple[int, csr_matrix] | None = None
 
     def add(self, rows: Iterable[Iterable[int]], need: int = 1) -> int:
         """Add rows of which ``need`` candidates must be chosen; returns how many were new."""
@@ -49,10 +65,25 @@ class HittingSet:
         return np.array(list(self.rows.values()), dtype=float)
 
     def _matrix(self) -> csr_matrix:
-        rows = list(self.rows)
-        ptr = np.cumsum([0, *(len(row) for row in rows)])
-        columns = np.fromiter((c for row in rows for c in row), dtype=np.int64, count=int(ptr[-1]))
-        return csr_matrix((np.ones(len(columns)), columns, ptr), shape=(len(rows), len(self._cost)))
+        if self._kept is None or self._kept[0] != len(self.rows):
+            rows = list(self.rows)
+            ptr = np.cumsum([0, *(len(row) for row in rows)])
+            columns = np.fromiter((c for row in rows for c in row), dtype=np.int64, count=int(ptr[-1]))
+            ones = np.ones(len(columns))
+            self._kept = len(rows), csr_matrix((ones, columns, ptr), shape=(len(rows), len(self._cost)))
+        return self._kept[1]
+
+    def _all(self) -> tuple[csr_matrix, Array]:
+        """Return rows and inequalities as one matrix, and the least sum of each."""
+        matrix, need = self._matrix(), self._needs()
+        if not self.inequalities:
+            return matrix, need
+        columns, numbers, least = zip(*self.inequalities, strict=True)
+        ptr = np.cumsum([0, *map(len, columns)])
+        more = csr_matrix(
+            (np.concatenate(numbers), np.concatenate(columns), ptr), shape=(len(least), len(self._cost))
+        )
+        return vstack([matrix, more], format="csr"), np.concatenate([need, least])
 
     def greedy(self, chosen: Iterable[int] = ()) -> IntArray:
         """Complete a set until it hits every row; returns sorted numbers.
@@ -84,51 +115,68 @@ class HittingSet:
                 have.remove(c)
         return np.array(sorted(have), dtype=np.int64)
 
+    def within(
+        self, budget: float, chosen: BoolArray, visits: int, rng: np.random.Generator
+    ) -> tuple[bool, int]:
+        """Change ``chosen`` (a flag for each candidate) until it hits all rows for at most ``budget``.
+
+        Returns whether it does, and how many entries were looked at; ``visits`` ends the search.
+        """
+        rows = self._matrix()
+        columns = rows.tocsc()
+        weight = np.array([self._weight.get(row, 1.0) for row in self.rows])
+        found, done = search_hitting_set(
+            rows.indptr.astype(np.int64),
+            rows.indices.astype(np.int64),
+            columns.indptr.astype(np.int64),
+            columns.indices.astype(np.int64),
+            self._needs().astype(np.int64),
+            self._cost,
+            chosen,
+            weight,
+            self._stamp,
+            self._free,
+            float(budget),
+            visits,
+            rng.random(_DRAWS),
+        )
+        self._weight = dict(zip(self.rows, weight.tolist(), strict=True))
+        return bool(found), int(done)
+
     def relaxed(self) -> tuple[Array, float]:
         """Return the shares of the linear programme's solution and its value."""
-        rows = [LinearConstraint(self._matrix(), lb=self._needs()), *self._bounds(np.arange(len(self._cost)))]
+        matrix, least = self._all()
+        rows = [LinearConstraint(matrix, lb=least), *self._bounds()]
         result = milp(self._cost, bounds=Bounds(0, 1), constraints=rows)
         return np.asarray(result.x), float(result.fun)
 
-    def _bounds(self, columns: IntArray, kept: IntArray | None = None) -> list[LinearConstraint]:
-        """Return how many of the ``columns`` may be chosen beside those ``kept``."""
-        if not len(self._most):
-            return []
-        used = 0.0 if kept is None else np.asarray(self._groups[:, kept].sum(axis=1)).ravel()
-        return [LinearConstraint(self._groups[:, columns], ub=self._most - used)]
+    def _bounds(self) -> list[LinearConstraint]:
+        """Return how many of some candidates may be chosen."""
+        return [LinearConstraint(self._groups, ub=self._most)] if len(self._most) else []
 
-    def exact(
-        self, time_limit_s: float, gap: float, free: IntArray | None = None, kept: IntArray | None = None
-    ) -> tuple[IntArray, float] | None:
-        """Return a set of candidates that hits all rows, within a relative ``gap`` of the best, and a lower bound.
+    def forget_loose(self, x: Array) -> None:
+        """Forget inequalities that a solution ``x`` of the linear programme does not need."""
+        self.inequalities = [q for q in self.inequalities if float(q[1] @ x[q[0]]) < q[2] + _LOOSE]
 
-        Parameters
-        ----------
-        time_limit_s, gap : when to stop
-        free : (n,) candidates to choose from; None: all
-        kept : candidates that are chosen besides; the rows need fewer others by those that they hold, and their cost
-            is left out
+    def exact(self, nodes: int, time_limit_s: float) -> tuple[IntArray | None, float, int]:
+        """Look for the cheapest set that hits all rows and keeps the inequalities.
 
         Returns
         -------
-        tuple or None
-            None: no such set was found in time.
+        tuple
+            The set (None: none was found), a lower bound of the cost of any, and the nodes of the search tree that it
+            took; ``nodes`` and ``time_limit_s`` end it.
         """
-        of, need = self._matrix(), self._needs()
-        if kept is not None:
-            need = need - np.asarray(of[:, kept].sum(axis=1)).ravel()
-            of, need = of[need > 0.5], need[need > 0.5]
-        columns = np.arange(len(self._cost)) if free is None else free
-        if of.shape[0] == 0:
-            return np.array([], dtype=np.int64), 0.0
+        matrix, least = self._all()
         result = milp(
-            self._cost[columns],
-            integrality=np.ones(len(columns), dtype=np.int64),
+            self._cost,
+            integrality=np.ones(len(self._cost), dtype=np.int64),
             bounds=Bounds(0, 1),
-            constraints=[LinearConstraint(of[:, columns], lb=need), *self._bounds(columns, kept)],
-            options={"time_limit": time_limit_s, "mip_rel_gap": gap},
+            constraints=[LinearConstraint(matrix, lb=least), *self._bounds()],
+            options={"node_limit": nodes, "time_limit": time_limit_s, "mip_rel_gap": 0.0},
         )
         if result.x is None:
-            return None
+            return None, 0.0, nodes
         bound = result.mip_dual_bound
-        return columns[result.x > 0.5], float(bound) if bound is not None else 0.0
+        taken = max(1, int(result.mip_node_count or 1))
+        return np.flatnonzero(result.x > 0.5), float(bound) if bound is not None else 0.0, taken

@@ -286,7 +286,8 @@ def _city(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         raise ConfigError(
             "--roads: give --cameras too (a CSV with name,x,y or a SUMO .add.xml), or use camnet design"
         )
-    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0, args.stop_s or 0.0)
+    v_lo = args.v_lo or 5.0
+    target = RoadTargetClass(v_lo, args.v_max or max(14.0, v_lo), args.extent or 1.0, args.stop_s or 0.0)
     certified = certify_road_cameras(
         args.roads,
         args.cameras,
@@ -296,6 +297,7 @@ def _city(args: argparse.Namespace) -> Any:  # noqa: ANN401 - imported late
         off_max_m=args.unseen_max_m,
         limit_source="as asked for" if args.off_max or args.unseen_max_m else "default of --off-max",
         traffic=args.check,
+        own_limits=args.v_max is None,
         on_min_s=args.on_min or 0.0,
         growth=_growth(args, args.initial_error or 0.5),
     )

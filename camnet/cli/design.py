@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,8 @@ _DESCRIPTION = """Design a network of cameras over roads, over recorded ways of 
 
 A world's targets are followed along all their ways, as camnet certify does; the result is a world file, certified anew.
 Roads are read lane by lane, with the turning paths over junctions: a way counts as seen only where one camera sees its
-whole width. The lower bound says how many cameras any choice among the same candidates needs; --time-limit is spent on
-a better choice and a better bound (integer programming; above 3000 candidates the bound of the linear programme)."""
+whole width. The lower bound says how many cameras any choice among the same candidates needs; --effort goes into a
+better choice and a better bound (integer programming; above 3000 candidates linear programming alone)."""
 
 #: options by the kinds of design that use them; elsewhere they are refused by name
 _USED_BY: dict[str, tuple[str, ...]] = {
@@ -134,9 +135,16 @@ def add_parser(commands: Any) -> None:  # noqa: ANN401 - argparse publishes no t
     parser.add_argument(
         "--time-limit",
         type=positive,
-        default=120.0,
         metavar="S",
-        help="processor time of the solver, s (default 120)",
+        help="end the solver early after this much processor time, s (default: none; the answer may then differ from "
+        "machine to machine)",
+    )
+    parser.add_argument(
+        "--effort",
+        type=positive,
+        default=1.0,
+        metavar="N",
+        help="of the solver, counted in steps, as a multiple of the usual one (default 1)",
     )
     add_world_options(parser)
     add_target_class(parser)
@@ -221,7 +229,8 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
 
     shared: dict[str, Any] = {
         "footprint_m": args.footprint or 30.0,
-        "time_limit_s": args.time_limit,
+        "effort": args.effort,
+        "time_limit_s": math.inf if args.time_limit is None else args.time_limit,
         "progress": advance,
         "seed": args.seed or 0,
     }
@@ -235,7 +244,8 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
         }
         designed = design_tracks(tracks, **limits, **shared, **aim)
         return designed.report, designed
-    target = RoadTargetClass(args.v_lo or 5.0, args.v_max or 14.0, args.extent or 1.0, args.stop_s or 0.0)
+    v_lo = args.v_lo or 5.0
+    target = RoadTargetClass(v_lo, args.v_max or max(14.0, v_lo), args.extent or 1.0, args.stop_s or 0.0)
     roads: dict[str, Any] = {
         "off_max_s": args.off_max or (None if args.unseen_max_m else 120.0),
         "unseen_max_m": args.unseen_max_m,
@@ -252,7 +262,8 @@ def _design(args: argparse.Namespace, advance: Any) -> tuple[dict[str, Any], Any
             **shared,
             most_poses=most,
         ), None
-    designed = design_roads(args.roads, target, **roads, **shared, **aim, traffic=args.check)
+    own = args.v_max is None
+    designed = design_roads(args.roads, target, **roads, **shared, **aim, traffic=args.check, own_limits=own)
     return designed.report, designed
 
 

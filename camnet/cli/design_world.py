@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -147,7 +148,8 @@ def _design(args: argparse.Namespace, origin: Any, advance: Any) -> Any:  # noqa
         private=() if args.private is None else read_areas(args.private, origin),
         tolerance=tolerance,
         aim_step_deg=args.aim_step or 15.0,
-        time_limit_s=args.time_limit,
+        effort=args.effort,
+        time_limit_s=math.inf if args.time_limit is None else args.time_limit,
         seed=args.seed or 0,
         progress=advance,
     )

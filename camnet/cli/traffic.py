@@ -27,13 +27,15 @@ def print_check(check: dict[str, Any]) -> None:
     if check["tightness"] is not None:
         print(f"  longest way in traffic over longest way allowed: {check['tightness']:.2f}")
     if check["inside_assumptions"] is not None:
-        print(f"  inside the assumptions about time: {check['inside_assumptions']:.1%} of the stretches")
+        print(
+            f"  inside the assumptions about time: {check['inside_assumptions']:.1%} of the stretches, "
+            f"{check['vehicles_inside']:.1%} of the vehicles on all of theirs"
+        )
     for name, row in check["assumptions"].items():
         found = row.get("smallest", row.get("largest"))
         if found is not None:
-            print(
-                f"  {name}: {row['stated']:g} stated, {found:.3g} found, {row['proposed']:.3g} holds for 99 %"
-            )
+            holds = f"{row['proposed']:.3g} holds for 99 % of the vehicles"
+            print(f"  {name}: {row['stated']:g} stated, {found:.3g} found, {holds}")
     for row in check["worst"][:_MOST_ROWS]:
         why = "; ".join(row["assumptions_failed"]) or "no stated assumption failed"
         (x0, y0), (x1, y1) = row["from_xy"], row["to_xy"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -171,9 +172,16 @@ def certify_road_cameras(
     height_m: float = 0.5,
     growth: GrowthModel | None = None,
     search_m: float = float("inf"),
+    own_limits: bool = False,
 ) -> Certified:
-    """Certify cameras over a city's roads for road-bound targets, checked against ``traffic`` if given."""
+    """Certify cameras over a city's roads for road-bound targets, checked against ``traffic`` if given.
+
+    ``own_limits``: the targets' greatest speed is the network's highest speed limit.
+    """
     site, sensors = read_road_site(network), read_sensors(cameras, network)
+    target = site.with_limits(target) if own_limits else target
+    if off_max_s is not None:  # a limit in seconds is one in metres at the least speed
+        site = replace(site, roads=site.paced(target.v_lo_mps))
     views = sensor_views(sensors, footprint_m)
     names = [s.name for s in sensors]
     report, gaps, tables = certify_road_site(

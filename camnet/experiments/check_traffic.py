@@ -36,7 +36,7 @@ __all__ = ["check_traffic", "read_traffic"]
 
 #: lengths of the recording are rounded; stretches may exceed the limit by this much, m and s
 _SLACK_M, _SLACK_S = 0.5, 0.5
-#: share of the stretches that proposed values hold for
+#: share of the vehicles that proposed values hold for
 _SHARE = 0.99
 #: broken stretches that the report lists
 _MOST_LISTED = 1000
@@ -80,7 +80,7 @@ def check_traffic(
     by_id = {track.id: track for track in tracks}
     rows = [_row(s, by_id[s.track], lanes, target, limit_m, limit_s) for s in listed]
     longest = max((s.length_m for s in stretches), default=0.0)
-    outside = sum(1 for s in stretches if _failed(s, target))
+    outside = [s.track for s in stretches if _failed(s, target)]
     return {
         "vehicles": len(tracks),
         "stretches": {k: sum(s.kind == k for s in stretches) for k in STRETCH_KINDS},
@@ -95,7 +95,8 @@ def check_traffic(
         "tightness": None if limit_m is None else longest / limit_m,
         "broken": len(faults),
         "broken_inside_assumptions": sum(not row["assumptions_failed"] for row in rows),
-        "inside_assumptions": 1.0 - outside / len(stretches) if stretches else None,
+        "inside_assumptions": 1.0 - len(outside) / len(stretches) if stretches else None,
+        "vehicles_inside": 1.0 - len(set(outside)) / len(tracks) if tracks else None,
         "worst": rows,
         "assumptions": _measured(stretches, tracks, lanes, target),
         "verdict": "kept" if not faults else "broken",
@@ -164,12 +165,17 @@ def _beside(xy: Array, lanes: shapely.STRtree) -> Array:
 def _measured(
     stretches: Sequence[Stretch], tracks: Sequence[Track], lanes: shapely.STRtree, target: RoadTargetClass
 ) -> dict[str, Any]:
-    """Measure the assumptions, and propose values that hold for 99 % of the stretches."""
-    moving = np.array([s.moving_mps for s in stretches if math.isfinite(s.moving_mps) and s.length_m > 1.0])
-    standing = np.array([s.standing_s for s in stretches])
+    """Measure the assumptions, and propose values that hold for 99 % of the vehicles, on all their stretches."""
+    slowest: dict[str, float] = {}
+    stood: dict[str, float] = {}
+    for s in stretches:
+        if math.isfinite(s.moving_mps) and s.length_m > 0.0:
+            slowest[s.track] = min(s.moving_mps, slowest.get(s.track, math.inf))
+        stood[s.track] = max(s.standing_s, stood.get(s.track, 0.0))
+    moving, standing = np.array(list(slowest.values())), np.array(list(stood.values()))
     beside = _beside(np.concatenate([t.p_world[::_STRIDE, :2] for t in tracks]), lanes)
     fastest = np.array([s.fastest_mps for s in stretches if s.fastest_mps < _JUMP_MPS])
-    # each of the two assumptions about time may fail for half of the remaining share
+    # each of the two assumptions about time may fail for half of the remaining share of the vehicles
     low, high = 0.5 * (1.0 - _SHARE), 1.0 - 0.5 * (1.0 - _SHARE)
     return {
         "v_lo_mps": {"stated": target.v_lo_mps, "smallest": _at(moving, 0.0), "proposed": _at(moving, low)},
@@ -184,4 +190,8 @@ def _measured(
 
 
 def _at(values: Array, share: float) -> float | None:
-    return float(np.quantile(values, share)) if len(values) else None
+    if not len(values):
+        return None
+    if share < 0.5:
+        return float(np.quantile(values, share, method="lower"))
+    return float(np.quantile(values, share, method="higher"))

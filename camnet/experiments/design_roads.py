@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -92,8 +93,10 @@ def design_roads(
     count: int | None = None,
     objective: str | None = None,
     height_m: float = 0.5,
-    time_limit_s: float = 60.0,
+    effort: float = 1.0,
+    time_limit_s: float = math.inf,
     traffic: Path | None = None,
+    own_limits: bool = False,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Certified:
@@ -110,11 +113,15 @@ def design_roads(
         view with at most ``count`` cameras, or with the fewest that certify the limit. None: ``margin`` with a count,
         else ``cheapest`` where poles have costs, else ``fewest``
     height_m : height of the targets' reference point, m
-    time_limit_s, seed, progress : of ``place_cameras``
+    effort, time_limit_s, seed, progress : of ``place_cameras``
     traffic : recorded or simulated traffic that the result is checked against
+    own_limits : the targets' greatest speed is the network's highest speed limit
     """
     limit_m = way_limit(target, off_max_s, unseen_max_m)
     site = read_road_site(network)
+    target = site.with_limits(target) if own_limits else target
+    # a limit in seconds is one in metres at the least speed
+    site = site if off_max_s is None else replace(site, roads=site.paced(target.v_lo_mps))
     sensors = list(read_sensors(poles, network, 0.0)) if poles is not None else candidates_of(site, spacing_m)
     weight = weights_of(sensors, objective)
     views = sensor_views(sensors, footprint_m)
@@ -123,8 +130,8 @@ def design_roads(
     def place(way_m: float) -> Placement:
         least_m = target.v_max_mps * on_min_s
         return place_cameras(
-            site.roads, cover, len(sensors), way_m, least_m, weight, time_limit_s=time_limit_s, seed=seed,
-            progress=progress,
+            site.roads, cover, len(sensors), way_m, least_m, weight, effort=effort, time_limit_s=time_limit_s,
+            seed=seed, progress=progress,
         )  # fmt: skip
 
     found, limit_m = best_placement(place, limit_m, count, objective)

@@ -57,7 +57,8 @@ def design_tracks(
     poles: Path | None = None,
     count: int | None = None,
     objective: str | None = None,
-    time_limit_s: float = 60.0,
+    effort: float = 1.0,
+    time_limit_s: float = math.inf,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Certified:
@@ -105,6 +106,7 @@ def design_tracks(
             len(sensors),
             off_s,
             costs=weight,
+            effort=effort,
             time_limit_s=time_limit_s,
             seed=seed,
             progress=progress,

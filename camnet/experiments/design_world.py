@@ -8,6 +8,7 @@ The answer is written as a world and certified from that world anew: a contradic
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -88,7 +89,8 @@ def design_world(
     private: Sequence[NamedArea] = (),
     tolerance: MountTolerance | None = None,
     aim_step_deg: float = 15.0,
-    time_limit_s: float = 60.0,
+    effort: float = 1.0,
+    time_limit_s: float = math.inf,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> DesignedWorld:
@@ -109,7 +111,7 @@ def design_world(
     private : areas that no camera may see (``design_private``)
     tolerance : the limit is kept, and private areas are not seen, wherever within it added cameras are installed
     aim_step_deg : between two directions of a candidate, degrees
-    time_limit_s, seed, progress : of ``place_cameras``
+    effort, time_limit_s, seed, progress : of ``place_cameras``
 
     Raises
     ------
@@ -152,7 +154,7 @@ def design_world(
         found = place_cameras(
             roads, cover, n + len(there), share * (1.0 - _SPARE), costs=weight,
             standing=there if changes is None else None, survive=survive, at_most=at_most,
-            exact_limit=len(weight), time_limit_s=time_limit_s, seed=seed, progress=progress,
+            exact_limit=len(weight), effort=effort, time_limit_s=time_limit_s, seed=seed, progress=progress,
         )  # fmt: skip
         new = found.chosen[found.chosen < n]
         needed_of[tuple(new.tolist())] = found.chosen[found.chosen >= n] - n

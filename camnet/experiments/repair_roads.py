@@ -99,7 +99,8 @@ def repair_roads(
     height_m: float = 0.5,
     spacing_m: float = 50.0,
     most_poses: int = 10,
-    time_limit_s: float = 60.0,
+    effort: float = 1.0,
+    time_limit_s: float = math.inf,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
@@ -141,7 +142,7 @@ def repair_roads(
         limit_source="as asked for", views=sensor_views(sensors, footprint_m), height_m=height_m,
     )  # fmt: skip
     certified = promise.verdict == "certified" and not faults
-    extra = [] if certified else _additions(here, candidates_of(site, spacing_m), time_limit_s, seed)
+    extra = [] if certified else _additions(here, candidates_of(site, spacing_m), effort, time_limit_s, seed)
     return {
         "promise": promise.as_dict(),
         "count": len(sensors),
@@ -192,7 +193,7 @@ def _pose_entry(name: str, found: FoundChange) -> dict[str, Any]:
 
 
 def _additions(
-    here: _Standing, candidates: list[Sensor], time_limit_s: float, seed: int
+    here: _Standing, candidates: list[Sensor], effort: float, time_limit_s: float, seed: int
 ) -> list[dict[str, Any]]:
     """Return the fewest further cameras that certify the whole network, with their places; none if none are enough."""
     n = len(here.sensors)
@@ -209,7 +210,7 @@ def _additions(
     try:
         found = place_cameras(
             here.roads, both, n + len(candidates), here.limit_m, here.target.v_max_mps * here.on_min_s, weight,
-            time_limit_s=time_limit_s, seed=seed,
+            effort=effort, time_limit_s=time_limit_s, seed=seed,
         )  # fmt: skip
     except CertificateError:
         return []

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from camnet.certification.road_arcs import RoadArcs, arcs_from_lanes
+from camnet.certification.transitions import RoadTargetClass
 from camnet.importers.sumo_lanes import LaneEdge, LaneNetwork, read_lane_network
 from camnet.types import Array
 
@@ -37,6 +38,30 @@ class RoadSite:
     def edges_km(self) -> float:
         """Length of all edges, turns left out, km."""
         return float(self.roads.length_m[: self.edges].sum() / 1000.0)
+
+    def paced(self, v_lo_mps: float) -> RoadArcs:
+        """Return the arcs in metres of a target at ``v_lo_mps``: those with a lower speed limit count as longer.
+
+        The least speed on an arc is ``v_lo_mps`` or its limit, whichever is less, so that a way of length L takes
+        L / v_lo_mps at most while the target moves.
+        """
+        factor = v_lo_mps / np.minimum(v_lo_mps, self.speed_mps)
+        if (factor == 1.0).all():
+            return self.roads
+        of = factor[self.roads.piece_arc]
+        lines = np.repeat(of, np.diff(self.roads.line_ptr))
+        return replace(
+            self.roads,
+            direction_xy=self.roads.direction_xy / of[:, None],
+            piece_length_m=self.roads.piece_length_m * of,
+            piece_offset_m=self.roads.piece_offset_m * of,
+            length_m=self.roads.length_m * factor,
+            line_direction_xy=self.roads.line_direction_xy / lines[:, None],
+        )
+
+    def with_limits(self, target: RoadTargetClass) -> RoadTargetClass:
+        """Return a class whose greatest speed is the highest speed limit of the network."""
+        return replace(target, v_max_mps=max(target.v_lo_mps, float(self.speed_mps.max())))
 
 
 def read_road_site(path: Path) -> RoadSite:

@@ -30,7 +30,9 @@ def candidates_along(roads_xy, spacing=40.0):
 
 
 def too_long(roads, cover, chosen, limit_m):
-    return WaySearch(roads, usable_coverage(roads, cover, 0.0), limit_m).violations(chosen)
+    return WaySearch(
+        roads, usable_coverage(roads, cover, 0.0), 1 + int(cover.camera.max()), limit_m
+    ).violations(chosen)
 
 
 def small_city():

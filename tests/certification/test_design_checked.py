@@ -52,7 +52,7 @@ def compare(count: int, seed: int) -> tuple[int, int]:
         target = RoadTargetClass(5.0, 10.0, float(rng.uniform(0.1, 2.0)))
         centres = np.concatenate([line[:1] + rng.random((4, 1)) * (line[-1:] - line[:1]) for line in lines])
         cover = cover_roads(roads, nadir_views(centres, 20.0, 30.0), HEIGHT_M, target.extent_m)
-        search = WaySearch(roads, usable_coverage(roads, cover, 0.0), limit)
+        search = WaySearch(roads, usable_coverage(roads, cover, 0.0), 1 + int(cover.camera.max()), limit)
         try:
             chosen = place_cameras(roads, cover, len(centres), limit).chosen
         except CertificateError:
