@@ -38,6 +38,8 @@ __all__ = ["Placement", "Repair", "place_cameras", "smallest_repairs", "usable_c
 
 #: with effort 1: entries that the local search looks at, at most in one go, and nodes of integer programmes
 _VISITS, _VISITS_AT_ONCE, _NODES = 600_000_000, 10_000_000, 60
+#: what one call of the local search counts at least
+_VISITS_AT_LEAST = 1_000_000
 #: rounds of the linear programme, rows added in one, and places where ways that are too long may begin
 _ROUNDS, _ROWS_AT_ONCE, _STARTS = 40, 1000, 6000
 #: inequalities of closed walks added in one round
@@ -144,11 +146,12 @@ def place_cameras(
     search.check(n_candidates)
     search.first()
     rng = np.random.default_rng(seed)
-    search.improve(0.2 * effort, rng)
+    search.improve(0.1 * effort, rng)
     search.bound(effort)
-    search.improve(0.8 * effort, rng)
+    search.improve(0.1 * effort, rng)
     if n_candidates <= exact_limit:
         search.prove(effort)
+    search.improve(0.8 * effort, rng)
     cost = float(weight[search.best].sum())
     return Placement(
         chosen=search.best,
@@ -262,8 +265,10 @@ class _Search:
         chosen[self.best] = True
         while left > 0 and self.problem.rows and not self._done():
             budget = self._cost(self.best) - self._step
+            if budget < self._weight.min():
+                return
             found, visits = self.problem.within(budget, chosen, int(min(left, _VISITS_AT_ONCE)), rng)
-            left -= visits
+            left -= max(visits, _VISITS_AT_LEAST)
             if found:
                 ways = self._search.violations(np.flatnonzero(chosen), self._survive)
                 if ways:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from camnet.errors import ConfigError
-from camnet.experiments.road_network import RoadTrace, conduct, passed_unseen, print_table, run, score
+from camnet.experiments.road_network import print_table, run
 from camnet.experiments.road_network_policy import NearestIntersection, RoadBelief
 from camnet.experiments.road_network_scene import ROADS, RoadSceneSettings, lane_basis, road_scenario
+from camnet.experiments.road_network_score import RoadTrace, conduct, passed_unseen, score
 from camnet.geometry.frustum import Frustum
 from camnet.geometry.road_graph import RoadGraph
 from camnet.geometry.rotations import from_yaw, look_at
