@@ -54,6 +54,8 @@ _SCORES = (
 )
 _NO_TORCH = "training needs PyTorch, which the test environment leaves out; tests/training covers it"
 
+_RECORDED = "it needs recordings of an hour and more; tests/association covers it"
+
 CASES: dict[str, Case] = {
     # the program's own help
     "camnet worlds": Case(),
@@ -126,9 +128,20 @@ CASES: dict[str, Case] = {
     "camnet worlds --schema": Case(),
     "camnet report runs/first --no-video": Case(needs=(_FIRST,)),
     "camnet track observations.csv --out runs/track": Case(),
-    "camnet track observations.csv --estimators adate,ekf,ukf --out runs/track": Case(),
     "camnet track fixes.csv --sd 3 --estimators adate,ekf,ukf": Case(),
-    "camnet track fixes.csv --sd 3": Case(),
+    "camnet track OBSERVATIONS": Case(replaced=(("OBSERVATIONS", "observations.csv"),)),
+    "camnet identify configs/meva.yaml --set data=FOLDER": Case(only_read=_RECORDED),
+    "camnet identify configs/meva.yaml --set data=FOLDER --appearance 0.66": Case(only_read=_RECORDED),
+    "camnet identify configs/meva.yaml --set data=FOLDER --learn earlier": Case(only_read=_RECORDED),
+    "camnet identify MY_SITE.yaml --out runs/identity": Case(only_read=_RECORDED),
+    "camnet identify RECORDING": Case(only_read=_RECORDED),
+    "camnet futures configs/bologna.yaml --set data=FOLDER": Case(only_read=_RECORDED),
+    "camnet futures configs/bologna.yaml --set data=FOLDER --trace fcd.xml.gz": Case(only_read=_RECORDED),
+    "camnet futures configs/bologna.yaml --set data=FOLDER --hidden 1,5,20": Case(only_read=_RECORDED),
+    "camnet futures RECIPE": Case(only_read=_RECORDED),
+    "camnet structure PHOTOGRAPHS --board 9x6 --mask MASKS --odometry relative_to_the_board.txt": Case(
+        only_read="tests/structure covers masks and odometry relative to a board"
+    ),
     "camnet log runs/first": Case(needs=(_FIRST,)),
     "camnet log runs/first --columns": Case(needs=(_FIRST,)),
     "camnet log runs/first --describe --only 'robot.p_*'": Case(needs=(_FIRST,)),
