@@ -21,7 +21,7 @@ def _parsers() -> dict[str, argparse.ArgumentParser]:
 
 PARSERS = _parsers()
 #: these compute nothing: they list, draw again, or prepare
-COMPUTE_NOTHING = {"worlds", "report", "warm-up"}
+COMPUTE_NOTHING = {"worlds", "report", "warm-up", "log", "completion"}
 #: the options of many seeds are one
 SEEDS_HELP = "a count (10: ten seeds, from --seed on), a range (1-10) or a list (1,4,9-12)"
 
