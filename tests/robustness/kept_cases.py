@@ -25,7 +25,7 @@ _EITHER = frozenset({Answer.REFUSED, Answer.UNCHANGED})
 def generators(stage: Stage) -> list[tuple[str, Nature, Callable[[Random], Case]]]:
     """Return kind, nature and generator of every change of a run folder and of kept episodes."""
     run = {name: content for name, content in stage.files.items() if name.startswith("run/")}
-    (episodes,) = (name for name in stage.files if name.startswith("kept/episodes/"))
+    (episodes,) = (name for name in stage.files if name.startswith("kept/episodes/") and "blind" not in name)
     found: list[tuple[str, Nature, Callable[[Random], Case]]] = []
     for change in (_summary, _summary, _log, _log, _handoffs):
         found.append(("run folder", Nature.MEANING, _of_run(change, run, Nature.MEANING)))
