@@ -20,7 +20,9 @@ def maker(name: str, **options: Any) -> Callable[[int, int], BatchHandoff]:
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_registered_environment_conforms(name: str) -> None:
     failures = {"failures": {"rate_per_s": 4.0}} if "Failures" in name else {}
-    check_batch(maker(name, filter_name="ekf", max_cycles=3, **failures), cycles=5)
+    # where nobody is in view at the start, two seeds differ in the air alone
+    air = {"overrides": ("physics.wind.gust_std_mps=0.3",)} if name.endswith("-v1") else {}
+    check_batch(maker(name, filter_name="ekf", max_cycles=3, **air, **failures), cycles=5)
 
 
 @pytest.mark.slow

@@ -21,6 +21,9 @@ EPISODE = {
     "least_agent_distance_m": None,
     "collisions": 0,
     "region_exits": 2,
+    "duration_s": 20.0,
+    "time_inside": 0.7,
+    "entries": 4,
 }
 
 

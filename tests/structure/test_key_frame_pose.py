@@ -123,12 +123,12 @@ def test_prediction_of_the_filter_is_linearised_rightly():
 
     def moved(state):
         y = state.copy()
-        af._predict(y, np.eye(9), 9, *args, quiet, 1.0, 1.0, np.zeros((2, 2)))
+        af.predict_state(y, np.eye(9), 9, *args, quiet, 1.0, 1.0, np.zeros((2, 2)))
         return y
 
     f = approx_fprime(x, moved, 1e-7)
     out = p.copy()
-    af._predict(x.copy(), out, 9, *args, quiet, 1.0, 1.0, np.zeros((2, 2)))
+    af.predict_state(x.copy(), out, 9, *args, quiet, 1.0, 1.0, np.zeros((2, 2)))
     np.testing.assert_allclose(out, f @ p @ f.T, atol=5e-5)
 
 
