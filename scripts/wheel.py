@@ -49,6 +49,11 @@ for k in range(6):
 _PEOPLE = ["id,t,x,y"]
 _PEOPLE += [f"a,{t},{min(t, 40) + max(t - 70, 0)},0" for t in range(0, 111, 10)]
 _PEOPLE += [f"b,{t},40,{t - 40}" for t in range(0, 81, 10)]
+#: a target that two stations see
+_SEEN = [
+    "t,observer,x,y,sd",
+    *(f"{t},{name},{1.2 * t + 0.3 * (t % 3)},{t % 2},1" for t in range(30) for name in "ab"),
+]
 _TRAIN_LITTLE = [
     f"--set={setting}"
     for setting in (
@@ -74,6 +79,9 @@ _ROWS = (
         Smoke("report run --no-video"),
         Smoke("log run --describe"),
         Smoke("track-video run/video.mp4 --box 100,100,60,60 --out tracked", leaves=("tracked/boxes.csv",)),
+        Smoke("track seen.csv --out track", leaves=("track/track.csv", "track/report.html")),
+        Smoke("identify none.yaml", status=2),  # recordings of people are not for a smoke test
+        Smoke("futures none.yaml", status=2),
         Smoke("structure board --board 9x6 --out path", leaves=("path/points.ply", "path/structure.mp4")),
         Smoke("certify quickstart --out certified", status=1, leaves=("certified/report.html",)),  # nothing is promised
         Smoke("coverage stationary_certified --origin 50,8,0 --out covered", leaves=("covered/coverage.geojson",)),
@@ -182,6 +190,7 @@ def main() -> None:
         work = folder / "work"
         work.mkdir()
         (work / "people.csv").write_text("\n".join(_PEOPLE) + "\n")
+        (work / "seen.csv").write_text("\n".join(_SEEN) + "\n")
         draw = [str(scripts / "python"), "-c", _DRAW_BOARD]
         subprocess.run(draw, cwd=work, env=environment(work), check=True)
         known, tried = commands(scripts, work), {smoke.words.split()[0] for row in _ROWS for smoke in row}
