@@ -54,6 +54,8 @@ _SEEN = [
     "t,observer,x,y,sd",
     *(f"{t},{name},{1.2 * t + 0.3 * (t % 3)},{t % 2},1" for t in range(30) for name in "ab"),
 ]
+#: status of bad input, which prints no JSON
+_REFUSED = 2
 _TRAIN_LITTLE = [
     f"--set={setting}"
     for setting in (
@@ -154,7 +156,9 @@ def fault(smoke: Smoke, prints_json: bool, scripts: Path, folder: Path) -> str |
     )  # fmt: skip
     if done.returncode != smoke.status:
         return f"status {done.returncode} where {smoke.status} is expected\n{done.stderr}"
-    if prints_json:
+    if smoke.status == _REFUSED and (done.stdout or not done.stderr.startswith("camnet: ")):
+        return f"bad input is not answered in a line of words: {done.stdout[:200]!r}, {done.stderr[:400]!r}"
+    if prints_json and smoke.status != _REFUSED:
         try:
             content = json.loads(done.stdout)
         except ValueError as error:
